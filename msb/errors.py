@@ -240,7 +240,7 @@ class Finding:
         return f"{word}: {self.code}: {path}: {self.message}"
 
     def to_error(self, path: object) -> MsbError:
-        """Return this finding about the asset at `path` as an exception."""
+        """Convert this finding to an exception about the asset at `path`."""
         return error_kind(self.code)(self.code, self.message, file=path, pointer=self.pointer)
 
 

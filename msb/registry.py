@@ -10,7 +10,7 @@ has a role:
 - ``reference`` renders the method's image in NumPy (``render``, called by `msb.reference`).
 - ``native`` renders the same image on the dedicated tier, with OpenCL kernels (`msb.render.dedicated`).
 
-All lists of methods, tiers or settings are read from `METHODS`. Other packages add methods through the
+All lists of methods, tiers or settings are read from `METHODS`. Other packages can add methods with the
 entry-point group `msb.methods` (docs/extending.md).
 """
 
@@ -44,7 +44,7 @@ SettingValue = bool | int | float | str | None
 SettingSource = Literal["checkpoint", "config", "flag", "default"]
 SETTING_SOURCES: tuple[str, ...] = ("checkpoint", "config", "flag", "default")
 
-# For each pass in a manifest's `required_passes`, a description of the renderer's work.
+# Description of each rendering pass, by its name in the manifest key `required_passes`.
 PASSES: dict[str, str] = {
     "opaque_unlit": "opaque, z-buffered, two-sided faces in unlit vertex colours; every engine can draw "
     "such faces",
@@ -214,7 +214,7 @@ NO_APPEARANCE = "the model is a mesh with static colours and has no native rende
 def extracted_mesh(title: str, files: tuple[str, ...], rules: Rules | None) -> Method:
     """Return the declaration of a method without an adapter.
 
-    The training of this method writes a coloured mesh with a name in `files`.
+    The method's training writes a coloured mesh to a file with a name in `files`.
     """
     return Method(
         title=title,
@@ -253,7 +253,7 @@ def _methods() -> Mapping[str, Method]:
     return {name: method for name, (method, _) in _installed().items()}
 
 
-# The methods by their name in manifests: built-in methods in the order of tables, then others by name.
+# All methods by their name in manifests. Built-in methods come first, in the order of tables.
 METHODS: Mapping[str, Method] = Lazy(_methods)
 
 

@@ -358,7 +358,7 @@ _STANDARD = ("stdin", "stdout", "stderr")
 
 
 def _temporary_name(target: Path) -> Path:
-    # 50 characters take at most 200 bytes, so the temporary name is shorter than the limit of 255 bytes.
+    # The first 50 characters of the name take at most 200 bytes, and file systems allow 255 bytes.
     return target.with_name(f".{target.name[:50]}.{secrets.token_hex(6)}.part")
 
 
@@ -405,7 +405,7 @@ def _above(target: Path) -> Path:
 
 
 def _check_folder(target: Path, above: Path) -> None:
-    """Reject a target below a file. The operating system would report only "File exists"."""
+    """Reject a target below a file. The system's own error would be only "File exists"."""
     if not above.is_dir():
         raise OutputError("OUTPUT_UNWRITABLE", f"it cannot be written: {above} is not a folder", file=target)
 

@@ -251,7 +251,7 @@ def _end_with_parent() -> None:
 def _limit_memory(gib: float) -> None:
     """Limit the memory of this process to `gib` GiB.
 
-    RLIMIT_DATA counts writable memory. RLIMIT_AS would be too strict, because it also counts address space
+    RLIMIT_DATA limits writable memory. RLIMIT_AS would be too strict, because it also counts address space
     that libraries only reserve, such as memory arenas of threads.
     """
     import resource

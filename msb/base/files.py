@@ -11,7 +11,7 @@ from pathlib import Path
 from msb.base.paths import given_path
 from msb.errors import InputError, shorten
 
-# Flags of `os.open`. O_NONBLOCK prevents waiting if a pipe has just replaced the file.
+# Flags of `os.open`. O_NONBLOCK avoids a wait if another program replaces the file by a pipe.
 READ_ONLY = (
     os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
 )
@@ -119,7 +119,7 @@ def map_descriptor(descriptor: int, most: int | None = None) -> mmap.mmap | byte
 
 
 def open_error(error: OSError | ValueError, path: object, what: str = "file") -> InputError:
-    """Return the msb error for a system error about `path`.
+    """Convert an operating system error about `path` to an error of msb.
 
     The message calls the path a `what`, such as "file".
     """

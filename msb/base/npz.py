@@ -20,7 +20,7 @@ def write_npy(path: Path, array: NDArray[Any]) -> None:
 def write_npz(file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
     """Write `arrays` like `numpy.savez`; `numpy.load` reads them.
 
-    On a full disk `numpy.savez` of NumPy 1.26 leaves its archive open, and Python prints a traceback later.
+    On a full disk, `numpy.savez` of NumPy 1.26 leaves its archive open, and Python later prints a traceback.
     """
     with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
         for name, array in arrays.items():

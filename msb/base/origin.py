@@ -21,7 +21,7 @@ _FAR = 32.0
 # Origins lie on a grid with this number of steps across the mesh. With more steps, the origin's decimals get
 # longer.
 _STEPS = 16
-# Mesh size below which positions relative to an origin are too small for float32.
+# Below this mesh size, float32 cannot store positions relative to an origin.
 _TINY = 1e-30
 # Maximum coordinate of an origin. Cameras reach 1e18.
 _FARTHEST = 1e15
@@ -35,8 +35,8 @@ _OUTLIERS, _MANY = 0.01, 16
 def find_origin(vertices: NDArray[Any]) -> Origin:
     """Return the origin of positions `vertices` (V, 3), which is zero if they do not need one.
 
-    float32 positions never need an origin, because they are exact. The origin is near the middle of the
-    mesh. The origin is a multiple of a power of two, so that the differences to most coordinates are exact.
+    float32 positions never need an origin, because they are exact. The origin is near the middle of the mesh.
+    The origin is a multiple of a power of two, because differences to such an origin are usually exact.
     """
     if (vertices.dtype.kind, vertices.dtype.itemsize) != ("f", 8):
         return NO_ORIGIN

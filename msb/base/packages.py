@@ -21,7 +21,7 @@ class PackageWarning(UserWarning):
 
 
 class PackageError(Exception):
-    """The reason why a plug-in cannot be used, as text that follows the plug-in's name and a colon."""
+    """An error of a plug-in. Its text is printed after the plug-in's name and a colon."""
 
 
 def find_installed(
@@ -142,8 +142,8 @@ class Lazy(Mapping[str, Plugin]):
 def contain_errors() -> Iterator[None]:
     """Run code of another package and turn its exceptions and exits into `PackageError`.
 
-    Errors of msb are raised unchanged. The output of the code goes to standard error, because standard
-    output can be the JSON result of a command.
+    Errors of msb are raised unchanged. The code's output is printed on standard error, because a command may
+    print JSON on standard output.
     """
     try:
         with contextlib.redirect_stdout(sys.stderr):

@@ -35,7 +35,7 @@ def shell_word(text: str | os.PathLike[str]) -> str:
 
     Double quotes work in all three shells, unless the path contains $, %, backticks or quotes. A path with
     these characters gets single quotes, which cmd.exe does not understand. A path that begins with a hyphen
-    gets ``./`` in front, so that programs do not treat it as an option.
+    gets the prefix ``./``, so that programs do not read it as an option.
     """
     word = os.fspath(text)
     if word.startswith("-"):
@@ -55,7 +55,7 @@ def normal_form(name: str) -> str:
 
 
 class SpelledFiles:
-    """Find files below a folder, even if their names are stored in another Unicode normal form.
+    """Find files below a folder, independent of the Unicode normal form of their names.
 
     Parameters
     ----------

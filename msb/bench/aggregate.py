@@ -38,7 +38,7 @@ class Metric(NamedTuple):
 
     @property
     def last_digit(self) -> float:
-        """The smallest difference that a table shows, in the unit of the records."""
+        """The value of the last printed digit, in the unit of the records."""
         return float(10.0**-self.decimals * self.scale)
 
 

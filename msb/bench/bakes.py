@@ -1,7 +1,7 @@
 """The bakes of a run. A bake is computed once per model and scene, and again only if an input changes.
 
-A bake is stored in the results folder. A JSON file beside a bake stores the hash of the inputs and the report
-of the bake.
+A bake is stored in the results folder. A JSON file beside the bake stores the report of the bake and a hash
+of its inputs.
 """
 
 from collections.abc import Mapping
@@ -44,7 +44,7 @@ class BakeTask:
     # Values that replace the model's settings in native rendering.
     settings: Mapping[str, Any]
     scene: SceneAt
-    # Hashes of the test views at the time of planning.
+    # The test views at the time of planning, as hashes.
     views: ViewState
     # The hash of all inputs of the bake.
     key: str
@@ -69,7 +69,7 @@ class BakeTask:
 def make_bake_options(table: BakeTable, method: str) -> dict[str, Any]:
     """Return the options of `msb.bake`; the default supervision is the native rendering of the method.
 
-    Meshes without a method's renderer are supervised by photographs.
+    A mesh without a method's renderer is supervised by photographs.
     """
     is_native = lookup(method).supports("dedicated")
     return {"supervision": "native" if is_native else "photographs", **table.options}

@@ -29,7 +29,8 @@ from msb.errors import MsbError, shorten
 
 # The error code of unexpected exceptions.
 INTERNAL = "INTERNAL"
-# The function that computes each part of a cell. Each function returns keys of `Result` with their values.
+# The function that computes each part of a cell. Each function returns a dictionary of `Result` keys and
+# values.
 MEASURES: dict[PartName, Callable[[Job], dict[str, Any]]] = {
     "quality": measure_quality,
     "audit": measure_audit,
@@ -119,7 +120,7 @@ def _read_old(job: Job) -> Result | None:
 
 
 def _keep_valid_parts(job: Job, old: Result | None) -> dict[str, Any]:
-    """Return the parts of the earlier record that are still valid, as arguments of `Result`."""
+    """Return the valid parts of the earlier record. The keys are arguments of `Result`."""
     kept: dict[str, Any] = {"inputs": {}, "reasons": {}, "seconds": 0.0}
     if old is None:
         return kept
@@ -143,9 +144,9 @@ def _is_valid(part: PartName, job: Job, old: Result) -> bool:
     recorded, requested = old.inputs[part], job.requested.get(part)
     if requested is not None:
         return recorded == requested
-    # The protocol no longer requests the part, so its current inputs are unknown. A part is valid if it
-    # shares its inputs with the images or the audit, and these inputs are unchanged. Timing and walk must
-    # also use the same rendering options as the images.
+    # The current inputs of the part are unknown, because the protocol no longer requests the part. A part is
+    # valid if it shares its inputs with the images or the audit, and these inputs are unchanged. Timing and
+    # walk must also use the same rendering options as the images.
     present = {name: value for main in MAIN for name, value in job.requested.get(main, {}).items()}
     images = job.requested.get("quality", {}).keys()
     same_options = (

@@ -15,10 +15,11 @@ from msb.bench.records import Floor
 from msb.errors import MsbError
 from msb.scenes.datasets import Scene
 
-# Maximum number of timed frames of a floor. The time for a single triangle hardly varies, so 20 frames are
-# enough.
+# Maximum number of timed frames of a single triangle. The time for a single triangle hardly varies, so 20
+# frames are enough.
 _FRAMES = 20
-# Measured floors by the hash of their inputs. Each floor is measured once per process.
+# Measured costs of a single triangle, by the hash of the inputs. Renderers with equal inputs are measured
+# once per process.
 _known: dict[str, Floor | None] = {}
 
 

@@ -65,7 +65,7 @@ class Results:
             raise InputError("RECORD_INVALID", text, file=path)
 
     def ground_truth(self, dataset: str, scene: str, key: str) -> Path:
-        """Return the ground truth folder of a scene; `key` is `ViewState.photographs`."""
+        """Return the ground truth folder of a scene. Pass `ViewState.photographs` as `key`."""
         return self.root / "ground_truth" / dataset / scene / key
 
     def asset(self, dataset: str, scene: str, model: str) -> Path:

@@ -94,7 +94,7 @@ class Gaps:
 class Ratio:
     """The ratio of the frame rates of two conditions."""
 
-    # The ratio of the averages over the same scenes; None if there is a `reason`, as in `Gap`.
+    # The ratio of the averages over the same scenes; None if no ratio can be computed.
     value: float | None
     reason: str | None = None
     per_scene: Mapping[str, float] = field(default_factory=dict)
@@ -124,8 +124,8 @@ def scene_gaps(metric: str, results: Conditions) -> Gaps:
 def dataset_gaps(metric: str, results: Mapping[str, Conditions], scenes: Iterable[str]) -> Gaps:
     """Return the gaps of one method between its averages on a dataset, as in the paper.
 
-    `results` contains the records by scene, then by condition. `scenes` are the expected scenes. Each gap
-    covers all scenes with comparable records of its two conditions.
+    `results` contains the records by scene, then by condition. `scenes` are the expected scenes. A gap covers
+    all scenes in which the records of both conditions are comparable.
     """
     expected = tuple(scenes)
     covered: dict[GapName, tuple[str, ...]] = {}
@@ -144,7 +144,7 @@ def gap_between(
     *,
     one_asset: bool = True,
 ) -> tuple[Gap, tuple[str, ...]]:
-    """Return the gap between the records `first` and `second`, and the scenes that the gap covers.
+    """Return the gap between the records `first` and `second`, with the names of its scenes.
 
     `first` and `second` are two conditions of a method, or two methods if `one_asset` is false.
     """
@@ -173,7 +173,7 @@ def slowdown(
     """Return the ratio of the frame rates of two conditions.
 
     The default is the paper's slowdown, the frame rate of Standard divided by the frame rate of Dedicated.
-    The ratio of "dedicated" to "non_engine" compares an engine with the method's own renderer.
+    The ratio of "dedicated" to "non_engine" compares our engine tier with the method's own renderer.
     """
     expected = tuple(scenes)
     values, reasons = _select_comparable("fps", results, expected, numerator, denominator)
@@ -285,7 +285,7 @@ def _combine(metric: str, gaps: Mapping[GapName, Gap], *, same_scenes: bool = Tr
         digits = IMAGE_METRICS[metric].decimals if metric in IMAGE_METRICS else None
         rounded = [loss if digits is None else round(loss, digits) for loss in (adapt.signed, port.signed)]
         monotone = rounded[0] * rounded[1] >= 0
-        # If the values are monotone, the excess is 0; computing it would add rounding errors.
+        # For monotone values, set the excess to 0 to avoid rounding errors.
         excess = 0.0 if monotone else abs(adapt.signed) + abs(port.signed) - deploy.value
     return Gaps(metric, adapt, port, deploy, monotone, excess)
 
@@ -300,7 +300,7 @@ def _find_commonest(reasons: list[str]) -> str:
 
 
 def _get_photograph_setup(result: Result) -> tuple[str, bool] | None:
-    """Return the folder and the resizing of the photographs of a record."""
+    """Return the image folder of a record, and whether its photographs were resized."""
     return None if result.setup is None else (result.setup.image_folder, result.setup.gt_resized)
 
 

@@ -233,7 +233,7 @@ def _describe_device(record: Mapping[str, Any] | None) -> str:
 
 
 def find_scan_files(data: Path, scene: str) -> list[Path]:
-    """Return the files of DTU's evaluation data that the Chamfer distance of a scene needs."""
+    """Return the files of the DTU evaluation data for the Chamfer distance of a scene."""
     scan = parse_scan_number(scene)
     return [data / name.format(scan) for name in (_CLOUD, _GRID, _PLANE)]
 

@@ -18,9 +18,9 @@ from msb.metrics.registry import IMAGE_METRICS
 
 # Significance level of the tests.
 LEVEL = 0.05
-# Maximum ratio of the numbers of views in two scenes; with a larger ratio a difference is not tested. A
-# correct test calls 5 % of purely random differences significant. The t test calls 4.2 % significant at a
-# ratio of 3, and only 1 % at a ratio of 100.
+# Differences are tested only if the numbers of views in two scenes differ at most by this factor. A correct
+# test calls 5 % of purely random differences significant. The t test calls 4.2 % significant at a ratio of 3,
+# and only 1 % at a ratio of 100.
 MOST_UNEQUAL = 3
 NO_VIEWS = "no values of single views"
 # Two values are treated as equal if their relative difference is smaller than this.
@@ -97,5 +97,5 @@ def interval(scenes: Sequence[Sequence[float]]) -> Interval:
 
 
 def excludes_zero(difference: Interval | None) -> bool | None:
-    """Return whether a difference is significant at 95 %; None without a test."""
+    """Return whether a difference is significant at 95 %. The result is None if no test exists."""
     return None if difference is None or difference.p is None else difference.p < LEVEL

@@ -35,12 +35,11 @@ class Job:
     scene: SceneAt
     # The state of the scene at the time of planning.
     views: ViewState
-    # The inputs to record for each part to compute. Parts of the record that are not listed are kept while
-    # they are valid.
+    # The inputs to record for each part to compute. Other parts of the record are kept while they are valid.
     parts: Mapping[PartName, PartInputs]
     # The current inputs of every part that the protocol requests for the benchmark cell.
     requested: Mapping[PartName, PartInputs] = field(default_factory=dict)
-    # The value is None if the protocol has only official renderings of the method.
+    # The model of the cell; None if the protocol has only official renderings of the method.
     model: ModelAsset | None = None
     # Values that replace settings of the asset.
     settings: Mapping[str, Any] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""The missing inputs of a dry run: each input once, with the number of cells that need it."""
+"""List the missing inputs of a dry run, and count the benchmark cells that need each input."""
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence

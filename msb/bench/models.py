@@ -42,7 +42,7 @@ class ModelAsset(Record):
     stamps: tuple[tuple[str, int, int], ...]
     # Path and method of the model in the protocol.
     key: str
-    # Assumptions made during the export.
+    # Warnings about assumptions made during the export.
     warnings: tuple[str, ...] = ()
     # For a bake, this is the asset before the bake, and `asset` is the baked mesh.
     source: File | None = None

@@ -10,7 +10,7 @@ from msb.bench.validation import Count, Record
 
 
 class Gpu(Record):
-    """A GPU of this machine, and the command's peak memory on the GPU; None if unknown."""
+    """A GPU of this machine, and the peak memory of the command on this GPU."""
 
     index: Count
     name: str
@@ -33,7 +33,7 @@ class Gpus:
         # Peak bytes of the processes, and peak growth of the device memory in bytes, by GPU index.
         self._process_peaks: dict[int, int] = {}
         self._device_peaks: dict[int, int] = {}
-        # Peaks of the sums over all GPUs.
+        # Peak memory, summed over all GPUs.
         self._process_peak = self._device_peak = 0
         # Whether NVML lists processes by the process numbers of this system. In a container, NVML may use
         # other process numbers.
@@ -80,7 +80,10 @@ class Gpus:
             self._error = f"NVML: {error}"
 
     def result(self) -> tuple[int | None, Literal["processes", "device"] | None, str | None]:
-        """Return the peak over all GPUs in bytes, its source, and the reason if it is unknown."""
+        """Return the peak memory of all GPUs in bytes and its source.
+
+        If the peak is unknown, return the reason.
+        """
         if self._reason is not None:
             return None, None, self._reason
         # A sum over only some of the GPUs would be too small.
@@ -91,7 +94,7 @@ class Gpus:
         return (self._device_peak, "device", None) if has_devices else (None, None, self._error)
 
     def devices(self) -> tuple[Gpu, ...]:
-        """Return the GPUs with their peaks."""
+        """Return the peak memory of each GPU."""
         gpus = []
         peaks = self._process_peaks if self.result()[1] == "processes" else self._device_peaks
         for index, handle in enumerate(self._handles):

@@ -74,7 +74,7 @@ def measure_audit(job: Job) -> dict[str, Any]:
 
 
 def _prepare_trial(job: Job) -> tuple[Asset, tuple[Camera, ...], TrialTable, Limits]:
-    """Return a cell's asset and test cameras, the protocol's table of trials, and the library limits."""
+    """Return the asset and the test cameras of a cell, the trial table, and the limits of libraries."""
     assert job.model is not None
     assert job.trial is not None
     limits = Limits(job.trial.seconds, job.trial.memory)

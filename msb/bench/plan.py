@@ -58,14 +58,14 @@ class Planned:
     cell: Cell
     # The job of the cell, or None if it cannot be computed.
     job: Job | None
-    # The reason for computing each part, or for "bake". A reason is "new", "failed before", "requested", a
-    # list of changed inputs, or a fault of a record or image.
+    # The reason for computing each part, or for making the bake (key "bake"). A reason is "new", "failed
+    # before", "requested", a list of changed inputs, or a fault of a record or image.
     why: Mapping[str, str] = field(default_factory=dict)
     # State "done" means that all parts are recorded and valid. Cells with the state "failed" or "unsupported"
     # have a `reason`.
     status: Literal["done", "pending", "failed", "unsupported"] = "pending"
     reason: Reason | None = None
-    # A bake that must finish before the parts of the cell are known.
+    # A bake that must finish before the parts of the cell can be planned.
     bake: BakeTask | None = None
 
 
@@ -193,7 +193,7 @@ class Planner:
     def _plan_bake(
         self, pair: Pair, model: ModelAsset | Exception | None, table: BakeTable, cell: Cell
     ) -> Planned:
-        """Return the plan of a cell with a bake, and the task that makes a missing bake."""
+        """Return the plan of a baked cell. If the bake is missing, the plan contains its task."""
         if not isinstance(model, ModelAsset) or not is_selected(cell, self.only):
             return self._plan_cell(pair, model, cell)
         settings = get_overrides(pair.method)
@@ -287,7 +287,7 @@ class Planner:
         return next(tables, None)
 
     def _make_job(self, pair: Pair, model: ModelAsset | None, cell: Cell) -> Job:
-        """Return a job for a cell with everything except its parts."""
+        """Return a job for a cell, without the parts to compute."""
         protocol, method = self.file.protocol, pair.method
         names = {"dataset": cell.dataset, "scene": cell.scene, "method": cell.method}
 
@@ -415,9 +415,9 @@ def _find_changed_image(folder: Path, old: Result) -> str | None:
 def is_selected(cell: Cell, only: Sequence[str]) -> bool:
     """Return whether `only` selects a cell.
 
-    Each string of `only` consists of patterns (with ``*`` and ``?``) separated by slashes. A string selects a
-    cell if each pattern matches the cell's dataset, scene, method, label, condition, variant or renderer. One
-    matching string is enough; an empty `only` selects every cell.
+    A string of `only` contains patterns separated by slashes, such as "two_dts/garden". A pattern may contain
+    ``*`` and ``?``. A string selects a cell if each pattern matches the cell's dataset, scene, method, label,
+    condition, variant or renderer. One matching string is enough; an empty `only` selects every cell.
     """
     return _matches((*cell.names, cell.method, cell.condition), only)
 

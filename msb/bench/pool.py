@@ -56,10 +56,10 @@ def run_all(
     Workers must be able to import the function. With `alone`, tasks run one after the other, so that timings
     are not disturbed by other tasks of the run.
 
-    When a process dies, the pool does not know which task killed the process. The responsible task was in
-    progress, so it is among the first unfinished tasks (at most one per worker). The pool repeats the first
-    unfinished tasks, one at a time. If a worker process dies again during the same task, the task fails with
-    RUN_WORKER_DIED. The other tasks continue. A Dask scheduler repeats the tasks of a dead worker itself.
+    When a process dies, the pool does not know which task killed the process. The task was in progress, so it
+    is among the first unfinished tasks (at most one per worker). The pool repeats the first unfinished tasks,
+    one at a time. If a worker process dies again during the same task, the task fails with RUN_WORKER_DIED.
+    The other tasks continue. A Dask scheduler repeats the tasks of a dead worker itself.
     """
     waiting = list(tasks)
     while waiting:

@@ -76,8 +76,8 @@ def profile(
     """Time a new `renderer` that draws the `cameras` in turn, and return its times and memory.
 
     The timing ends when `frames` and `seconds` are both reached. The default warm-up (`warm_up` None) ends
-    after 10 frames or one second. The warm-up lasts at least until the renderer's buffers have settled
-    (`SETTLED_AT` frames). `device_kind` is stored in the result. `step` is called after each timed frame.
+    after 10 frames or one second. The warm-up has at least `SETTLED_AT` frames, because buffers may grow in
+    the first frames. `device_kind` is stored in the result. `step` is called after each timed frame.
     """
     if not cameras:
         raise ValueError("cameras is empty; at least one camera is required")

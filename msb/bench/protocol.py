@@ -129,7 +129,7 @@ def make_single_protocol(
 
 
 def _format_path(given: str | os.PathLike[str]) -> str:
-    """Return a path as an absolute TOML string with doubled braces; symbolic links are not resolved."""
+    """Return the absolute path as a TOML string with doubled braces. Symbolic links are not resolved."""
     absolute = os.path.abspath(given_path(given))  # noqa: PTH100 - resolve() follows links
     return _quote(absolute.replace("{", "{{").replace("}", "}}"))
 
@@ -207,7 +207,7 @@ def _check_datasets(table: MethodTable | BakeTable, protocol: Protocol, place: s
 
 
 def _check_labels(protocol: Protocol) -> _Faults:
-    """Yield an error for each label that already names something else in tables or folders."""
+    """Yield an error for each label that is already used in tables or folders."""
     # The method of each model label. Two models of a method may share a label if their scenes differ.
     methods: dict[str, str] = {}
     for number, method in enumerate(protocol.methods):
@@ -261,5 +261,5 @@ def _check_call(place: str, check: Callable[..., object], *arguments: Any) -> _F
 
 
 def get_overrides(table: MethodTable | VariantTable) -> dict[str, Any]:
-    """Return the settings of a table; "none" means None, because TOML has no null."""
+    """Return the settings of a table. The text "none" becomes None, because TOML has no null."""
     return {name: None if value == "none" else value for name, value in table.settings.items()}

@@ -104,7 +104,7 @@ class VariantTable(Record):
 class BakeTable(Record):
     """``[[bakes]]``: an additional condition, the result of `msb bake` on the standard tier.
 
-    The table also accepts the keys `BAKE_KEYS`, which are options of `msb bake`. Bakes are supervised by
+    The table also accepts the options of `msb bake` with the names in `BAKE_KEYS`. Bakes are supervised by
     training views only.
     """
 
@@ -166,7 +166,7 @@ class WalkTable(Record):
     # engine render.
     conditions: tuple[FolderName, ...] = ()
 
-    # 24 frames lead from one stop to the next. 240 frames go round a capture with ten or more test views.
+    # The walk needs 24 frames from one stop to the next, and 240 frames for a loop with ten stops.
     frames: Annotated[int, Field(ge=3, le=100_000)] = 240
     # Distance of the stops from the cameras, relative to the radius of the capture.
     reach: Annotated[float, Field(ge=0, le=10)] = 0.25

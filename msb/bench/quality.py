@@ -185,7 +185,7 @@ def describe_renderer(job: Job, name: str) -> RendererInfo:
 def _compare(
     job: Job, camera: Camera, name: str, pixels: Pixels, truth: Path, measures: metrics.Measures
 ) -> dict[str, Any]:
-    """Return the arguments of `ImageQuality` except the file hash, because the file is still being written.
+    """Return the values of `ImageQuality` without the hash of the file, which is still being written.
 
     `pixels` is the image as (H, W, 3) uint8, and `truth` is the file of the photograph.
     """

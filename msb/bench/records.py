@@ -87,7 +87,7 @@ class Cell(Record):
     variant: Name | None = None
     # The label of a bake: a standard-tier mesh that was baked from the model.
     bake: Name | None = None
-    # The name in `msb.renderers` of a standard-tier engine, or of the renderer of a variant.
+    # The name of an engine, or of a variant's renderer, in `msb.renderers`.
     renderer: Name | None = None
 
     @property
@@ -113,7 +113,7 @@ class Cell(Record):
 
     @property
     def names(self) -> tuple[str, str, str, str]:
-        """Dataset, scene, model and condition, which are the folders of the cell."""
+        """Dataset, scene, model and condition; these names are the folders of the cell."""
         return self.dataset, self.scene, self.model_name, self.condition_name
 
 
@@ -394,7 +394,7 @@ class Result(Record):
     # one.
     walk: WalkDocument | None = None
     training: Training | None = None
-    # Sentences about a training split, background or image size that differs from the evaluation.
+    # Notes on differences between training and evaluation: split, background and image size.
     trained: tuple[Name, ...] = ()
     # The user's timing of the method's official renderer; only for the condition non_engine.
     renderer_timing: RendererTiming | None = None

@@ -37,7 +37,7 @@ class Renders:
     # Matching by "name": images have the names of the photographs. Matching by "number": images are called
     # 00000, 00001, ... in the order of the test views, as in code derived from 3DGS.
     matched_by: Literal["name", "number"]
-    # Path, size, and the SHA-256 of the list of hashes of the images.
+    # Path and size of the folder, and the SHA-256 of its list of file hashes.
     folder: File
 
 

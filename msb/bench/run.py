@@ -71,7 +71,7 @@ class Report:
     """The outcome of a run."""
 
     rows: tuple[CellOutcome, ...]
-    # Errors about unreadable models of unknown method, by the path of the model.
+    # Errors about models that cannot be read, by the path of the model.
     models: Mapping[str, Reason]
     seconds: float
     # The missing inputs of a dry run.
@@ -302,7 +302,7 @@ class _Run:
         write_result(self.results.cell(planned.cell), result)
 
     def update_notes(self, job: Job) -> None:
-        """Write the record of a finished cell again if only the notes on its training have changed."""
+        """Write the record of a finished cell again if its notes on the training have changed."""
         result = self.results.read(job.cell)
         if result.trained != job.trained:
             write_result(job.folder, result.model_copy(update={"trained": job.trained}))
@@ -328,7 +328,7 @@ class _Run:
         *,
         alone: bool = False,
     ) -> Iterator[tuple[Any, Any]]:
-        """Compute the tasks of a stage, and yield each with its result or exception.
+        """Compute the tasks of a stage. Yield each task with its result or exception.
 
         An error of the whole cluster is raised. List the following stages in `then`.
         """

@@ -83,7 +83,7 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
     def gap(better: str, worse: str) -> Gap:
         return replace(gap_between(metric, results, over, better, worse)[0], expected=len(expected))
 
-    # If a bake is missing, one gap covers both adjacent parts.
+    # If a bake is missing, one gap is computed for the two parts beside it.
     steps: dict[StepName, Gap] = {}
     within: dict[StepName, StepName] = {}
     for (low, high), (better, worse) in pairs.items():
@@ -99,9 +99,10 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
 def _find_best_bake(results: Mapping[str, Conditions], scenes: tuple[str, ...], *, kept: bool) -> str | None:
     """Return the bake that covers the most scenes.
 
-    If several bakes cover equally many scenes, return the bake with the best average PSNR.
+    Among bakes with equally many scenes, return the bake with the best average PSNR.
 
-    With `kept`, only bakes that keep all triangles are compared; otherwise only bakes with new triangles.
+    If `kept` is true, only bakes that keep all triangles are compared, otherwise only bakes with new
+    triangles.
     """
     values: dict[str, dict[str, float | None]] = {}
     changed: set[str] = set()

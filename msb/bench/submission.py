@@ -69,9 +69,11 @@ _LOOK = _keep("psnr", "same") | {"why": WITHHELD}
 
 
 def _list_published_fields() -> dict[str, Any]:
-    """Return the published fields of a record by name. A field is a nested mapping, `_KEEP`, or a constant.
+    """Return the published fields of a record by name.
 
-    A constant replaces any value except None.
+    The rule for a field is a nested mapping, `_KEEP`, or a constant.
+
+    A constant replaces every published value of the field except None.
     """
     metrics = dict.fromkeys(IMAGE_METRICS, _KEEP)
     image = {**_keep("name", "width", "height", "psnr_infinite", "sha256"), "file": WITHHELD, "gt": WITHHELD}
@@ -251,7 +253,10 @@ def _make_commands(records: Sequence[Result]) -> Iterator[str]:
 
 
 def make_archive(members: Mapping[str, bytes]) -> bytes:
-    """Return a ZIP archive of members, given as content by name. Equal members give equal bytes."""
+    """Return a ZIP archive of members, given as content by name.
+
+    Return a ZIP archive of members, given as content by name. The bytes depend only on the members.
+    """
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
         for name, data in members.items():

@@ -60,7 +60,7 @@ class Track(Record):
 
 
 class TrainingLog(Record):
-    """The file `training.json` of our trainer (docs/training.md); only these keys are read."""
+    """The file `training.json` of our trainer (docs/training.md). Other keys of the file are ignored."""
 
     model_config = ConfigDict(extra="ignore")
 

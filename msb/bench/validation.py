@@ -28,7 +28,7 @@ class Record(BaseModel):
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Self:
-        """Return a record from trusted data of this program; lists are accepted as tuples."""
+        """Return a record from trusted data, which may contain lists in place of tuples."""
         return cls.model_validate(data, strict=False)
 
     def to_json(self) -> bytes:

@@ -76,7 +76,7 @@ def plan_videos(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
     A flight shows only conditions that our renderers can draw. Official renderings and photographs exist only
     at the test views.
     """
-    # Collect the jobs of the conditions in each film, by dataset, scene and model.
+    # For each dataset, scene and model, collect the jobs whose conditions are shown in the film.
     groups: dict[tuple[str, ...], list[Job]] = {}
     for job in jobs:
         is_rendered = job.cell.condition in ("dedicated", "standard")
@@ -100,7 +100,7 @@ def plan_videos(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
 
 def plan_grids(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
     """Return the grids to write: one grid for each scene with films of at least two methods."""
-    # Collect the first job of each model, by dataset and scene, then by model.
+    # For each scene, collect the first job of each model.
     scenes: dict[tuple[str, str], dict[str, Job]] = {}
     for job in jobs:
         dataset, scene, model, _ = job.cell.names
@@ -124,7 +124,7 @@ def _get_film_path(job: Job) -> Path:
 def _read_description(film: Path) -> dict[str, Any]:
     """Return the content of the JSON file beside a film.
 
-    The content is empty unless the film and the JSON file exist.
+    If the film or the JSON file is missing, the content is empty.
     """
     with contextlib.suppress(MsbError):
         description = read_json(film.with_suffix(".json"), _MAX_BYTES)

@@ -80,7 +80,7 @@ def chamfer_surface(
 ) -> dict[str, Any]:
     """Return the result of `chamfer_dtu` for a mesh of vertices (V, 3), in mm, and faces (F, 3).
 
-    Every vertex is a sample, even if no face uses it. Zero-area faces give no samples.
+    Every vertex is a sample, including vertices without faces. Zero-area faces give no samples.
     """
     generator = np.random.default_rng(seed)
     points, corners = mesh_arrays(vertices, faces)

@@ -60,7 +60,7 @@ def read_dtu_scan(dataset_dir: str | os.PathLike[str], scan: int) -> DtuScan:
     cloud = folder / "Points" / "stl" / f"stl{scan:03d}_total.ply"
     points = read_mesh(cloud, images=False).vertices.astype(np.float64, copy=False)
     _check_numbers(cloud, "a coordinate", points)
-    # float32, as in the official code, because rounding decides whether a point at the border is in the box.
+    # use float32 as the official code does, because rounding affects points at the border of the box
     box = np.asarray(grid["BB"], np.float32)
     return DtuScan(points, grid["ObsMask"] != 0, box, resolution, np.asarray(plane, np.float64).ravel())
 

@@ -108,8 +108,8 @@ _TURNS: dict[int, Callable[[NDArray[np.uint8]], NDArray[np.uint8]]] = {
 def read_photograph_mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """Return the mask (H, W, 1) of a view, rotated and undistorted like its photograph of (H, W) = `shape`.
 
-    The mask is the first channel of the file, as for culling; a view without a mask is opaque. A mask of
-    another size is resized in captures outside the benchmark.
+    The mask is the first channel of the file. A view without a mask is opaque. A mask of another size is
+    resized in captures outside the benchmark.
     """
     path = scene.masks.get(str(camera.name))
     if path is None:

@@ -42,7 +42,7 @@ class Identity:
 
 
 def defined(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the JSON of an identity without library versions: the part that defines the metric."""
+    """Return the part of an identity that defines the metric, without the versions of libraries."""
     return {key: value for key, value in identity.items() if key != "libraries"}
 
 
@@ -125,7 +125,7 @@ class ImageMetric(Definition):
     ) -> Identity:
         """Return the identity of a value (see `Definition`).
 
-        `quantize` states whether floats are rounded to 8 bits.
+        Set `quantize` if floats are rounded to 8 bits.
         """
         plain = super().identity(weights=weights, **chosen)
         rule = INPUT_RULE if quantize else "clamp to [0, 1]"

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 _HEADER = 128
 _MATRIX, _COMPRESSED = 14, 15
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-# Class numbers of numeric arrays. Lower numbers denote cells, structures, text and sparse arrays.
+# Class numbers of numeric arrays. Smaller numbers are the classes of cells, structures, text and sparse
+# arrays.
 _NUMERIC = range(6, 16)
 _COMPLEX = 0x0800
 # Maximum number of bytes before the values of an array: flags, up to 32 axes, and a name of up to 63

@@ -31,8 +31,8 @@ def pair_images(
     """Return pairs of images from two folders and their subfolders, or from two files, sorted by name.
 
     Names are compared in composed Unicode (NFC), without suffix. The suffix must be one of `IMAGE_SUFFIXES`.
-    Hidden files are ignored, and so are the depths and face ids that `msb render` writes beside an image.
-    With `subset`, the folder `gt` may contain further images, such as training views.
+    Hidden files are ignored. The depth and face id images of `msb render` are ignored too. With `subset`, the
+    folder `gt` may contain further images, such as training views.
     """
     pred, gt = given_path(pred), given_path(gt)
     folders = [_is_folder(path) for path in (pred, gt)]

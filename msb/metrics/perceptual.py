@@ -41,8 +41,8 @@ def lpips_vgg(
 ) -> float:
     """Return LPIPS (version 0.1, VGG16, inputs mapped to [-1, 1]) of two images; 0 for equal images.
 
-    The network stays loaded between calls with the same weight file. Use `LpipsVgg` to load and release the
-    network explicitly.
+    The network stays in memory for further calls with the same weight file. Use `LpipsVgg` to load and
+    release the network explicitly.
 
     Parameters
     ----------

@@ -77,7 +77,7 @@ def _load_package_metric(key: str, entry: str) -> ImageMetric:
 
 @dataclass(frozen=True)
 class _PackageMeasure:
-    """The function of a metric from another package; error messages name that package."""
+    """The function of a metric from another package. Its error messages name the package."""
 
     whose: str
     measure: Any
@@ -188,7 +188,7 @@ def modules_needed() -> tuple[str, ...]:
 def mean_of(values: Iterable[float | None]) -> float | None:
     """Return the average of a metric over images; None if a value is missing.
 
-    An infinite value counts as `PSNR_CAP`.
+    An infinite PSNR is replaced by `PSNR_CAP`.
     """
     capped = [PSNR_CAP if value == math.inf else value for value in values]
     known = [value for value in capped if value is not None]

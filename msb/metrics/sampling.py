@@ -1,7 +1,7 @@
 """Sample points on a mesh at a given spacing, and thin them until no two are close.
 
 Both functions follow eval.py of `jzhangbs/DTUeval-python`, which `hbb1/2d-gaussian-splatting` adapts in
-scripts/eval_dtu/eval.py. Unlike eval.py, both functions use bounded memory and have no loop over faces.
+scripts/eval_dtu/eval.py. Unlike eval.py, both functions limit memory and do not loop over faces.
 """
 
 from collections.abc import Iterator
@@ -19,8 +19,8 @@ MAX_SAMPLES = 1 << 28
 _CANDIDATES = 1 << 20
 # Number of points in the first window of `thin`.
 _FIRST_WINDOW = 64
-# Maximum number of points in a window of `thin`, and maximum total number of their neighbours. A single point
-# may exceed the neighbour limit.
+# Maximum number of points in a window of `thin`, and maximum number of all their neighbours. A window with a
+# single point may have more neighbours.
 _WINDOW = 1 << 16
 _NEIGHBORS = 1 << 22
 
@@ -115,7 +115,7 @@ def _place_grid_points(
 def thin(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
     """Thin points (N, 3): for each remaining point in turn, remove all other points within `spacing`.
 
-    The order decides which points remain, so shuffle the points first. Points at a distance of exactly
+    Shuffle the points before the call, because earlier points are kept first. Points at a distance of exactly
     `spacing` are removed too. Neighbours are searched for one window of remaining points at a time, to limit
     memory. Windows start small and grow, because in dense regions the first few points remove most other
     points.

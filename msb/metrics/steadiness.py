@@ -92,8 +92,8 @@ def unexplained_change(before: PreparedFrame, here: PreparedFrame, after: Prepar
     counted = np.ones(len(rows), bool)
     border = (nearest - farthest > SAME * nearest)[rows, columns]
     for layer, inverse_depths in enumerate((inverse, nearest, farthest)):
-        # Follow the pixels into both adjacent frames, at the depths of the current layer. `same` marks pixels
-        # whose surface is visible in both frames.
+        # Project the pixels into both adjacent frames at the depths of this layer. `same` marks pixels whose
+        # surface is visible in both frames.
         same = np.ones(len(rows), bool)
         places = []
         for other in (before, after):
@@ -192,12 +192,11 @@ def find_holes(frame: PreparedFrame, points: NDArray[np.float64]) -> Mask:
     height, width = covered.shape
     within = (row >= 0) & (row < height) & (column >= 0) & (column < width)
     hit[row[within].astype(np.int64), column[within].astype(np.int64)] = True
-    # The added border joins background regions at the image edge with the outside, so that they are not
-    # enclosed.
+    # The added border connects background regions at the image edge, so that they are not enclosed.
     regions, count = label(np.pad(~covered, 1, constant_values=True))
     sizes = np.bincount(regions.ravel(), minlength=count + 1)
     specks = (sizes <= (2 * REACH + 1) ** 2)[regions[1:-1, 1:-1]]
     dilated = maximum_filter(hit, 3, mode="constant", cval=False)
-    # Pixels beyond the image edge are unknown and count as not hit.
+    # Pixels beyond the image edge are unknown. They are treated as not hit.
     around = minimum_filter(dilated, 5, mode="constant", cval=False)
     return np.asarray(~covered & (specks | around))

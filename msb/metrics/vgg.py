@@ -154,7 +154,7 @@ def _read_torch(path: Path, shapes: dict[str, tuple[int, ...]]) -> Weights:
 
 
 def _read_npz(path: Path, shapes: dict[str, tuple[int, ...]]) -> Weights:
-    # Open the file here, because NumPy does not close a file that is not an archive.
+    # Open the file here, because NumPy leaves an invalid archive open.
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         for key, shape in shapes.items():
             # Check sizes before unpacking. Stored numbers have at most 8 bytes.

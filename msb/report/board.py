@@ -192,8 +192,8 @@ def _visible_form(name: str) -> str:
 def _results_table(results: Mapping[str, ResultSet], numbers: Mapping[str, Numbers], paper: Numbers) -> Table:
     """Return a row per scene, method, condition and submitter.
 
-    The keys of `results` and `numbers` are submitters. The mesh metrics of a model are repeated in all its
-    rows.
+    Pass the results and numbers of each submitter, by the submitter's name. The mesh metrics of a model are
+    repeated in all its rows.
     """
     metrics = [*QUALITY, *_METRICS]
     rows = []
@@ -258,7 +258,7 @@ def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
 
 
 def _group_records(results: ResultSet) -> dict[RowKey, list[Result]]:
-    """Return the records of each row: one record for a scene, or the records of all scenes for a mean."""
+    """Return the records of each row. The row of a mean has the records of all scenes."""
     records: dict[RowKey, list[Result]] = {}
     for loaded in results:
         dataset, scene, method = loaded.place

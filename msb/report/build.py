@@ -49,7 +49,7 @@ _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "mesh_connectivity": (measurements.mesh_connectivity, "mipnerf360"),
     "reproducibility_comparison": (reproducibility, ""),
 }
-# Our label of each table of the paper, by the paper's label.
+# For each label of the paper, the label of our table.
 EQUIVALENTS = {label: "-".join(filter(None, (build.__name__, at))) for label, (build, at) in _PAPER.items()}
 # Labels of tables that differ between this report and the paper: our label to the paper's label.
 _PAPER_LABELS = {
@@ -125,7 +125,7 @@ def build_report(
     numbers = collect(results)
     comparisons = [] if against is None else compare_methods(results, numbers, against)
     paper = paper_numbers() if with_paper else Numbers({}, of_paper=True)
-    # If a dataset has a name from the paper but other scenes, drop the paper's numbers for it.
+    # Without common scenes, the paper's numbers for a dataset cannot be compared, so remove them.
     others = [dataset for dataset in numbers.datasets() if numbers.has_other_scenes(dataset)]
     paper = _drop_datasets(paper, others)
     if published:
@@ -214,7 +214,7 @@ def _make_sections(
     few = [dataset for dataset in deployed if dataset in FEW_SCENES]
     audited = [dataset for dataset in datasets if numbers.methods(dataset, "exported_mesh")]
 
-    # Tables that depend on the kind of dataset, or on published numbers.
+    # Choose tables by the kind of dataset, and by the existence of published numbers.
     runtime = [slowdown_table(numbers, paper)] if deployed else []
     runtime += [measurements.runtime_resources(numbers, dataset, paper) for dataset in few]
     for dataset in deployed:
@@ -228,7 +228,7 @@ def _make_sections(
     if any(key.source for key in paper.values if key.dataset in datasets):
         published += [reproducibility(numbers, paper)]
         published += [reproducibility_statistics(numbers, paper)]
-    # Build the tables of each section by its name; empty tables are dropped below.
+    # Build the tables of each section. Empty tables are removed below.
     tables_of: dict[str, Iterable[Table]] = {
         "deployment": [
             *(measurements.renderer_comparison(numbers, dataset, paper) for dataset in drawn),
@@ -286,7 +286,7 @@ def _check_chosen(results: ResultSet, chosen: Sequence[str]) -> None:
 
 
 def _drop_datasets(paper: Numbers, datasets: Sequence[str]) -> Numbers:
-    """Return the paper's numbers without `datasets`."""
+    """Return the paper's numbers, except the numbers of `datasets`."""
     return replace(
         paper,
         values={key: number for key, number in paper.values.items() if key.dataset not in datasets},

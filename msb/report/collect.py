@@ -50,7 +50,7 @@ _DRAWN = (*_TIMING, *WALK, "memory", "driver_memory", "asset_size")
 _OF_MESH, _OF_BAKE = ("faces", "tasks"), ("psnr_16", "bake_seconds")
 # Metrics that are computed from the frame rate.
 _RATES = ("fps", "host_ms")
-# The key in `Result.reasons` that explains a missing value of each metric.
+# For each metric, the key of `Result.reasons` with the reason for a missing value.
 _REASON_KEYS = {
     **dict.fromkeys((*_TIMING, "memory", "driver_memory"), "timing"),
     **dict.fromkeys(WALK, "walk"),
@@ -58,7 +58,7 @@ _REASON_KEYS = {
     "chamfer": "chamfer",
     "tasks": "trial",
 }
-# The attribute of `Result.floor`, the cost of a single triangle, for each metric.
+# For each metric, the attribute of `Result.floor` with the cost of a single triangle.
 _FLOOR_ATTRIBUTES = {"memory": "memory_bytes", "p50_ms": "p50_ms", "p95_ms": "p95_ms"}
 
 NOT_RUN = "this condition was not run"
@@ -108,7 +108,7 @@ def collect(results: ResultSet) -> Numbers:
             # dictionary.
             of_scenes = {scene: of_places.get(Place(dataset, scene, method), {}) for scene in scenes}
             conditions = conditions_of[method]
-            # Add single values and averages, first of the conditions, then of the trained model.
+            # Add values of single scenes and averages: first for the conditions, then for the trained model.
             for condition in conditions:
                 metrics = _metrics_of(condition)
                 _add_condition(values, views, dataset, method, condition, metrics, of_scenes)
@@ -149,7 +149,10 @@ def _find_renderers(of_places: Mapping[Place, Mapping[str, Result]]) -> dict[str
 
 
 def _collect_views(records: Mapping[Place, Mapping[str, Result]]) -> dict[Key, dict[str, float]]:
-    """Return the values of all views, for each image metric that every view of a record has."""
+    """Return the values of all views for each image metric.
+
+    Metrics without a value for every view are omitted.
+    """
     return {
         Key(*place, condition, metric): values
         for place, conditions in records.items()
@@ -348,7 +351,7 @@ def _notes_on(metric: str, result: Result) -> Iterable[str]:
 
 
 def _average(numbers: Mapping[str, Number], members: Iterable[str]) -> Number:
-    """Return the mean of `numbers` (by scene) over the scenes `members`, with the notes of all numbers."""
+    """Return the mean of `numbers` over the scenes `members`, with all notes of the numbers."""
     mean = mean_over({scene: number.value for scene, number in numbers.items()}, members)
     if mean.value is not None:
         notes = dict.fromkeys(note for number in numbers.values() for note in number.notes)
@@ -398,8 +401,8 @@ def _add_setup_notes(
     """Add notes to image metrics if the setups of the methods differ, and return the new values."""
     setups: dict[Place, dict[str, str]] = {}
     counts: dict[tuple[str, ...], Counter[str]] = defaultdict(Counter)
-    # Collect notes by (dataset, method) or (dataset, scene, method). Dictionaries keep the notes unique and
-    # in order.
+    # Collect the notes of each method on a dataset or on a single scene. Dictionaries keep the notes unique
+    # and in order.
     notes: dict[tuple[str, ...], dict[str, None]] = defaultdict(dict)
     for place, conditions in records.items():
         if setup := next(filter(None, map(_describe_setup, conditions.values())), None):

@@ -116,7 +116,7 @@ def select_views(
     chosen : sequence of str
         "SCENE/IMAGE", as in the records.
     """
-    # Collect the PSNR loss in dB, the asset and the view, for every view rendered under two conditions.
+    # For every view with renderings of two conditions, collect the PSNR loss in dB, the asset and the view.
     losses = [(loss, place, view) for place in places for view, loss in _find_losses(results, place).items()]
     selected: dict[tuple[str, str], str] = {}
     if losses:

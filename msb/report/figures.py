@@ -152,8 +152,8 @@ def _condition_means(numbers: Numbers, dataset: str, method: str, dedicated: str
 
     The means are over the scenes that all conditions have.
 
-    The difference of two points is a gap only if both means are over the same scenes. The paper prints only
-    means, so its numbers are used unchanged.
+    Two points can be compared only if both means are over the same scenes. The paper prints only means, so
+    its numbers are used unchanged.
     """
     through = [dedicated if condition == "dedicated" else condition for condition in DRAWN_CONDITIONS]
     means = [numbers.value(Key(dataset, MEAN, method, condition, "psnr")) for condition in through]
@@ -278,7 +278,7 @@ def plot_differences(pairs: Sequence[PublishedPair], dataset: str) -> Figure | N
     """Return the bar chart of our PSNR minus the published PSNR, or None without published values.
 
     If values of single scenes are published, each scene has a bar. If only means are published, each method
-    has a bar for its mean over scenes.
+    has one bar.
     """
     of_dataset = [
         pair

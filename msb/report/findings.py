@@ -64,7 +64,7 @@ class Finding:
 
 
 class _Case(NamedTuple):
-    """A value of a method on a dataset, with a text of the value for sentences. Cases are sorted by value."""
+    """A value of a method on a dataset, with the text that describes the value. Cases are sorted by value."""
 
     value: float
     dataset: str
@@ -104,7 +104,7 @@ def _collect_means(
 ) -> list[_Case]:
     """Return all measured averages of a metric. Averages with the note `without` are omitted.
 
-    `detail` converts a value into the text of a case.
+    The function `detail` returns the text for a value.
     """
     return [
         _Case(number.value, key.dataset, key.method, detail(key, number.value))
@@ -118,7 +118,7 @@ def _collect_means(
 def _describe_significance(difference: Interval | None) -> str:
     """Return the t test of a difference as text, or why it was not tested.
 
-    The text is "" without a difference.
+    If no difference exists, the text is "".
     """
     if difference is None:
         return ""
@@ -155,12 +155,15 @@ def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Fin
 
 
 def _gap_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the largest and smallest value of each PSNR gap, including the adaptation gap to each variant."""
+    """Yield the largest and the smallest value of each PSNR gap.
+
+    For a variant, only the adaptation gap is used.
+    """
     variants = dict.fromkeys(key.dedicated for key in numbers.gaps if key.dedicated != "dedicated")
     for dedicated in ("dedicated", *variants):
         for name, word in _GAPS.items():
             if dedicated != "dedicated" and name != "adapt":
-                continue  # the other two gaps end at Standard, which variants do not change
+                continue  # variants do not change the other two gaps
             cases = list(_gap_cases(numbers, name, dedicated))
             if cases:
                 ends = (dedicated if end == "dedicated" else end for end in PAIRS[name])
@@ -171,7 +174,7 @@ def _gap_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _describe_extremes(cases: list[_Case], word: str, start: str, end: str) -> str:
-    """Return sentences on the largest and the smallest loss in `cases`, the gaps between two conditions."""
+    """Return sentences on the largest and the smallest loss in `cases`."""
     first, last = max(cases), min(cases)
     count = f"{len(cases)} combinations of method and dataset"
     if max(abs(case.value) for case in cases) < _MIN_DIFFERENCE:
@@ -347,14 +350,13 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
         conditions = [
             name for name in numbers.conditions(dataset) if not name.startswith(("standard/", f"{BAKED}/"))
         ]
-        # Collect the pairs of conditions between which the ranking changes, by the significance of the
-        # change.
+        # For each significance text, collect the pairs of conditions with different rankings.
         changes: dict[str, list[str]] = {}
         moved: set[str] = set()  # conditions between which the ranking changes
         compared = 0
         for first, second in combinations(conditions, 2):
             if "/" in first or first.partition("/")[0] == second.partition("/")[0]:
-                continue  # a variant is only compared with Non-Engine
+                continue  # compare a variant only with Non-Engine
             before = rank_common_methods(numbers, dataset, first, second)
             after = rank_common_methods(numbers, dataset, second, first)
             if len(before) < 2:
@@ -435,7 +437,7 @@ def _format_with_unit(metric: str, value: float) -> str:
 
 
 def _surface_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the datasets on which image quality and Chamfer distance rank the methods differently."""
+    """Yield the datasets on which image quality and Chamfer distance rank the methods in another order."""
     for dataset in numbers.datasets():
         surfaces = rank_methods(numbers, dataset, "non_engine", "chamfer")
         orders = []
@@ -466,7 +468,7 @@ def _training_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _speed_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield ratios of frame rates: between the conditions, and between both tiers in one engine."""
+    """Yield ratios of frame rates between conditions, and between both tiers of one engine."""
     pairs = dict.fromkeys((key.numerator, key.denominator) for key in numbers.ratios)
     for above, below in (
         ("standard", "dedicated"),
@@ -512,7 +514,7 @@ def _describe_cpu(numbers: Numbers, cases: Sequence[_Case], condition: str) -> s
 
 
 def _describe_engine_loss(numbers: Numbers, standard: str, dedicated: str) -> str:
-    """Return a sentence on the PSNR loss from Dedicated to Standard in an engine that draws both tiers."""
+    """Return a sentence on the PSNR loss of Standard against Dedicated, both drawn by one engine."""
     losses = [
         gaps.port.signed
         for key, gaps in numbers.gaps.items()

@@ -62,13 +62,16 @@ _TITLES: Mapping[str, Callable[[str], str]] = {
 def titled_row(**of: str) -> RowSpec:
     """Return a row with the given key fields, such as ``condition="standard"``.
 
-    The fields' titles label the row.
+    The titles of the fields are the labels of the row.
     """
     return RowSpec(tuple(_TITLES[name](value) for name, value in of.items()), of)
 
 
 def metric_columns(metrics: Iterable[str], *groups: str, **of: str) -> list[TableColumn]:
-    """Return one column per metric below the headings `groups`; `of` contains further fields of the keys."""
+    """Return a column for each metric, below the headings `groups`.
+
+    The keyword arguments are further fields of the keys.
+    """
     return [TableColumn(metric_title(metric), groups, {"metric": metric, **of}) for metric in metrics]
 
 
@@ -102,14 +105,15 @@ def make_table(
         Fields that all keys share. A column can override these fields, and a row can override the fields of
         its columns.
     best_of : sequence of str
-        Key fields. Numbers of one metric form a group if these fields are equal. The best value of a group is
-        bold. Numbers of the paper form separate groups. Without fields, no value is bold.
+        Key fields. Numbers with equal values of these fields form a group, separately for each metric. The
+        best value of a group is bold. Numbers of the paper and our numbers are in different groups. Without
+        fields, no value is bold.
     definitions : tuple of str
         Notes on our measurements. Notes on our measurements are omitted from the paper's own tables.
     notes : tuple of str
         Further notes.
     """
-    # Collect the rows of the table, each with the keys of its cells.
+    # Collect the rows of the table, and the key of each cell.
     grid = [(spec, [Key(**{**of, **column.of, **spec.of}) for column in columns]) for spec in row_specs]
     rows = _make_rows(numbers, grid, best_of)
     if paper is not None:
@@ -139,7 +143,7 @@ def difference_cell(
 ) -> TableCell:
     """Return the table cell of a difference in `metric`.
 
-    `more` is the number of additional decimals. `parts` contains further attributes of the cell.
+    Pass the number of additional decimals as `more`. Further keyword arguments are attributes of the cell.
     """
     definition = METRICS[metric]
     printed = format_digits(value, definition.decimals + more, sign=sign)
@@ -175,7 +179,7 @@ def mark_best(cells: Sequence[TableCell], groups: Sequence[Hashable], *, single:
         if len(places) < 2 and not single:
             continue
         choose = max if METRICS[metric].better == "higher" else min
-        # Compare printed values, because a reader sees no more digits.
+        # Compare printed values: values with the same printed text are equally good.
         best = choose(_round_as_printed(cells[place]) for place in places)
         for place in places:
             marked[place] = replace(cells[place], bold=_round_as_printed(cells[place]) == best)

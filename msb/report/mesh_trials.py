@@ -55,7 +55,7 @@ def read_task_outcomes(loaded: LoadedResult | None, *, pictures: bool = True) ->
 
 
 def _read_png(loaded: LoadedResult, folder: str, name: str | None) -> str | None:
-    """Return a PNG from a folder beside a record as an embeddable address, or None for other files."""
+    """Return a PNG as an embeddable address, or None for a missing or different file."""
     path = None if name is None else loaded.file(f"{folder}/{name}")
     if path is None:
         return None
@@ -145,7 +145,7 @@ def _grade(strategy: Strategy) -> tuple[int, int]:
 
 
 def _rank(strategy: Strategy) -> tuple[tuple[int, int], int]:
-    """Return the grade, and for equal grades the number of components."""
+    """Return a sort key: the grade, then the number of components."""
     return _grade(strategy), strategy.components
 
 

@@ -75,7 +75,7 @@ def compare_methods(results: ResultSet, numbers: Numbers, other: str) -> list[Co
 
 def _compute_gap(results: ResultSet, numbers: Numbers, key: Key, other: str) -> Gap:
     """Return the gap between the method `other` and the method at `key`."""
-    # Collect the records under the condition of `key`, by scene and method.
+    # For each scene and method, collect the record under the condition of `key`.
     scenes = numbers.scenes(key.dataset)
     records = {
         scene: {
@@ -91,7 +91,7 @@ def _compute_gap(results: ResultSet, numbers: Numbers, key: Key, other: str) -> 
 
 def comparison_table(comparisons: list[Comparison], numbers: Numbers, other: str) -> Table:
     """Return the table with a row per comparison."""
-    # The p value of each comparison by its number. Untested comparisons are not part of the adjustment.
+    # The p value of each comparison by its number. Comparisons without a test are not adjusted.
     p = {
         n: interval.p
         for n, comparison in enumerate(comparisons)
@@ -121,7 +121,9 @@ def comparison_table(comparisons: list[Comparison], numbers: Numbers, other: str
 
 
 def comparison_findings(comparisons: list[Comparison], other: str) -> Iterator[Finding]:
-    """Yield a finding for each dataset: PSNR comparisons under the two tiers, or else under all conditions.
+    """Yield a finding on PSNR for each dataset.
+
+    Both tiers are compared, or all conditions if the tiers are missing.
 
     If several conditions have the same result, one sentence names all of them.
     """

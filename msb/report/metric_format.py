@@ -8,7 +8,7 @@ from msb.topology.metric_text import format_count, format_metric
 # Pairs (limit, decimals) by unit. A printed value below the limit gets this number of decimals. With the
 # usual decimals, a small value such as 0.04 MiB would be printed as 0.
 _SMALL_VALUE_DECIMALS = {"MiB": ((0.1, 2), (10.0, 1)), "min": ((1.0, 2),)}
-# Metrics that are counts. The means of counts over scenes may have fractions.
+# Metrics that are counts. A mean of counts over scenes may be a fraction.
 _COUNTS = ("components", "faces", "tasks")
 # Maximum number of decimals for a printed difference and the two values that it compares.
 _MOST_DECIMALS = 6
@@ -58,8 +58,9 @@ def format_digits(value: float, decimals: int, *, sign: bool = False) -> str:
 
 
 def format_change(change: float, ends: tuple[float, float], decimals: int) -> tuple[str, str, str]:
-    """Return a change and its end values, with enough decimals that the printed ends differ by the change.
+    """Return a change and its two end values as text.
 
+    Decimals are added until the printed ends differ by the printed change.
 
     If the change is not the difference of the ends, the ends may be means over other scenes. The change and
     the ends then get `decimals` decimals.

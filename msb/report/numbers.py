@@ -1,7 +1,7 @@
 """The numbers of tables, charts and findings, by dataset, scene, method, condition and metric.
 
 Measured numbers come from result records (`msb.report.collect`), the paper's numbers from its published
-tables (`msb.report.paper`). All later code treats measured and published numbers alike.
+tables (`msb.report.paper`). Tables, charts and findings treat measured and published numbers in the same way.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -172,7 +172,7 @@ class Numbers:
     of_paper: bool = False
 
     def number(self, key: Key) -> Number:
-        """Return the number at `key`. An unknown key gives a missing number ("--")."""
+        """Return the number at `key`. For an unknown key, the result is a missing number ("--")."""
         return self.values.get(key, Number(None))
 
     def value(self, key: Key) -> float | None:
@@ -237,7 +237,7 @@ class Numbers:
 
     @cached_property
     def _keys(self) -> dict[str, list[Key]]:
-        """All number keys of each dataset."""
+        """The keys of all numbers, by dataset."""
         keys: dict[str, list[Key]] = {}
         for key in self.values:
             keys.setdefault(key.dataset, []).append(key)

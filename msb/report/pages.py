@@ -192,7 +192,7 @@ def _make_environment() -> Environment:
 
 
 def _bind_arrows(heading: str) -> str:
-    """Return a heading with a no-break space before each arrow."""
+    """Replace the space before each arrow of a heading by a no-break space."""
     return re.sub(" (?=[↑↓])", "\N{NO-BREAK SPACE}", heading)
 
 

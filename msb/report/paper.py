@@ -28,7 +28,8 @@ from msb.report.numbers import (
 )
 from msb.report.table import NOT_AVAILABLE
 
-# The numeric tables by the paper's labels. The two feature matrices come from `msb.registry` instead.
+# The numeric tables by the paper's labels. Features of methods are read from `msb.registry` and not from the
+# paper.
 PAPER_TABLES = (
     "native_summary",
     "native_comprehensive_results",

@@ -27,7 +27,10 @@ def rank_methods(numbers: Numbers, dataset: str, condition: str, metric: str) ->
 
 
 def rank_common_methods(numbers: Numbers, dataset: str, condition: str, other: str) -> Ranking:
-    """Return the PSNR ranking in `condition` of the methods with complete averages in both conditions."""
+    """Return the PSNR ranking in `condition`.
+
+    Methods without complete averages in both conditions are left out.
+    """
     methods = dict(rank_methods(numbers, dataset, other, "psnr"))
     return [item for item in rank_methods(numbers, dataset, condition, "psnr") if item[0] in methods]
 

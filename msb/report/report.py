@@ -75,7 +75,7 @@ class Report:
 
     @property
     def mixes(self) -> bool:
-        """Whether a table has rows of the paper between rows of ours."""
+        """Whether a table of ours also has rows of the paper."""
         return any(row.paper for table in self.tables.values() for row in table.rows)
 
     def to_dict(self) -> dict[str, Any]:

@@ -32,8 +32,8 @@ class LoadedResult:
     # The file of the record, and the results folder that contains it.
     path: Path
     root: Path
-    # The last part of the folder's path. This text is added to models with equal names. The text is "" for a
-    # unique name.
+    # The end of the folder's path. This text is added to models with equal names. The text is "" for a unique
+    # name.
     folder: str = ""
 
     @property
@@ -155,7 +155,7 @@ def _read_folder(root: Path) -> list[LoadedResult]:
 
 
 def _find_differences(records: Iterable[LoadedResult]) -> Iterator[str]:
-    """Yield differences between records that tables would show side by side."""
+    """Yield differences between records that would appear side by side in tables."""
     identities: dict[str, tuple[object, LoadedResult]] = {}
     of_place: dict[tuple[Place, str], tuple[object, LoadedResult]] = {}
     for loaded in records:
@@ -192,7 +192,7 @@ def _find_conflicts(records: Sequence[LoadedResult]) -> dict[Place, str]:
 
 
 def _collect_cell_facts(result: Result) -> dict[str, object]:
-    """Return the properties that must agree in two records of one cell."""
+    """Return the properties that must be equal in two records of one cell."""
     facts: dict[str, object] = {}
     if result.renderer is not None:
         facts["settings"] = result.renderer.settings
@@ -212,7 +212,10 @@ def _shorten_folders(records: Iterable[LoadedResult]) -> dict[Path, str]:
 
 
 def _collect_asset_facts(result: Result) -> dict[str, object]:
-    """Return the properties that must agree in all conditions of an asset, except settings of variants."""
+    """Return the properties that must be equal in all conditions of an asset.
+
+    Settings of variants may differ.
+    """
     facts: dict[str, object] = {}
     if result.setup is not None:
         facts["setup (cameras, image folder, background)"] = result.setup

@@ -149,12 +149,15 @@ class Table:
 
     def spans(self, level: int) -> list[tuple[str, int]]:
         """Return the headings of a level from left to right, each with its number of columns."""
-        # Equal headings below different outer headings are not merged.
+        # Do not merge equal headings that are below different headings.
         paths = (column.groups[: level + 1] if level < len(column.groups) else () for column in self.columns)
         return [(path[-1] if path else "", len(list(columns))) for path, columns in groupby(paths)]
 
     def blocks(self) -> list[tuple[str, list[TableRow]]]:
-        """Return the rows in blocks. The heading of a block is its section and all labels except the last."""
+        """Return the rows in blocks.
+
+        A block has a heading, composed of the section and all labels except the last label.
+        """
 
         def heading(row: TableRow) -> str:
             return ", ".join(filter(None, (row.section, *row.labels[:-1])))
@@ -176,7 +179,7 @@ class Table:
         return {note: _letters(number) for number, note in enumerate(texts)}
 
     def with_common_notes(self) -> Table:
-        """Return the table after moving notes on whole metrics from the cells to the table."""
+        """If all cells of a metric have the same note, move the note from the cells to the table."""
         cells = [cell for row in self.rows for cell in row.cells if cell.value is not None and not row.paper]
         metrics = dict.fromkeys(cell.metric for cell in cells)
         common: dict[str, str] = {}

@@ -23,16 +23,16 @@ _FOV_Y = math.radians(40)
 _FOV_INSIDE = math.radians(60)
 # Share of the faces to ignore at each end of an axis when the dense region is searched.
 _LEAST = 0.02
-# Largest number of faces that are examined. An asset with more faces is sampled, so a surface of few faces
-# may be missed.
+# Largest number of faces that are examined. From a larger asset, a sample of faces is used, so a surface of
+# few faces may be missed.
 _SAMPLES = 200_000
-# Ratio of two distances above which `is_surrounded` returns True. The ratio is 4 to 6 for captures with a
-# background, and 0.7 to 1.5 for objects and empty rooms.
+# `is_surrounded` returns True if the ratio of two distances is above this value. In tests, the ratio was 4 to
+# 6 for captures with a background, and 0.7 to 1.5 for objects and empty rooms.
 _SURROUNDED = 2.5
 # Ratio between the distance of a turntable camera and the distance at which the bounding sphere fills the
 # image.
 _MARGIN = 1.05
-# Largest aspect ratio of images framed by a box, and the relative margin around the box.
+# Largest aspect ratio of an image that shows a box, and the size of the image relative to the box.
 _MAX_RATIO, _BOX_MARGIN = 2.0, 1.1
 # Default elevation of a turntable's cameras above the horizon, in degrees.
 ELEVATION = 20.0
@@ -189,7 +189,7 @@ def is_surrounded(bulk: Bulk) -> bool:
     sides = bulk.corners[kept, 1:] - bulk.corners[kept, :1]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     away = np.linalg.norm(middles[kept] - bulk.middle, axis=1)
-    # Compare two distances from the middle: the median over the area and the median over the faces.
+    # Compute two medians of the distance from the middle: weighted by area, and over the faces.
     order = np.argsort(away)
     total = np.cumsum(area[order])
     if not total.size or not np.isfinite(total[-1]):

@@ -134,7 +134,7 @@ class Camera:
         width, height = check_size((width, height))
         fx = None if fov_x is None else focal_from_fov(fov_x, width, "fov_x")
         fy = fx if fx is not None and fov_y is None else focal_from_fov(fov_y, height, "fov_y")
-        pose = cast("NDArray[np.float64]", world_to_camera)  # the constructor converts and checks the matrix
+        pose = cast("NDArray[np.float64]", world_to_camera)  # the constructor checks this
         return cls(width, height, fy if fx is None else fx, fy, width / 2, height / 2, pose, name)
 
     @classmethod
@@ -253,7 +253,7 @@ class Camera:
         return _InUnits(**{**values, "world_to_camera": pose, "unit": 1.0})
 
     def in_world(self, frame: _Frame) -> _Frame:
-        """Return a frame rendered with `in_units()` after converting its depths to scene units."""
+        """Convert the depths of a frame that was rendered with `in_units()` to scene units."""
         if self.unit == 1:
             return frame
         planes = {name: getattr(frame, name) for name in ("depth", "depth_median")}
@@ -281,7 +281,7 @@ class Camera:
         return hash(self._key())
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
-        # Unpickled arrays are writable; the constructor makes them read-only again.
+        # Unpickled arrays are writable, so call the constructor, which makes them read-only.
         return Camera, self._values()
 
 

@@ -28,8 +28,8 @@ _FORMS: dict[str, ModuleType] = {".bin": colmap_binary, ".txt": colmap_text}
 # Largest number of cameras of a model. A camera takes about 0.5 kB of memory and 60 microseconds. A malicious
 # file can declare a camera in 73 bytes.
 MAX_CAMERAS = 1 << 20
-# Smallest accepted length of a quaternion. COLMAP writes unit quaternions. Much shorter quaternions have no
-# precise direction.
+# Smallest accepted length of a quaternion. COLMAP writes unit quaternions. The direction of a much shorter
+# quaternion would be inexact.
 MIN_QUATERNION = 1e-9
 
 
@@ -37,8 +37,8 @@ def find_model(folder: Path) -> Path | None:
     """Return the folder of a scene's COLMAP model, or None if it has no model.
 
     The folder itself is searched first, then the numbered models in `sparse`, and then `sparse`. The numbered
-    model with the most images is used. COLMAP numbers the models in `sparse`: 0, 1, ... Of models with
-    equally many images, the lowest number is used.
+    model with the most images is used. COLMAP numbers the models in `sparse`: 0, 1, ... If several models
+    have the most images, the lowest number is used.
     """
     if _is_model(folder):
         return folder

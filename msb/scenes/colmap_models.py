@@ -60,7 +60,7 @@ def model_parameters(name: str | None, given: str) -> int:
 
 @dataclass(frozen=True)
 class Lens:
-    """One record of a cameras file, not yet checked: id, key of `MODELS`, size and parameters.
+    """An unchecked camera record: id, key of `MODELS`, size and parameters.
 
     `pointer` is the position of the record in the file.
     """

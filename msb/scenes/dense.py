@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 _TAIL = 0.02
 # Number of grid cells along the longest side of the measured range.
 _CELLS = 32
-# A grid cell is dense if its opacity is at least this share of the typical cell's opacity. Half of all
-# opacity is in cells with at least the typical cell's opacity.
+# A grid cell is dense if its opacity is at least this share of the typical opacity. Cells with at least the
+# typical opacity contain half of all opacity.
 _DENSE = 0.02
 # Dense parts with less than this share of the largest part's opacity are floaters.
 _MIN_PART = 0.02

@@ -129,8 +129,8 @@ def _distort_eucm(x: Array, y: Array, c: Sequence[float]) -> tuple[Array, Array]
     return x * scale, y * scale
 
 
-# Distortion function of each model; the arguments are x, y and the coefficients. NERFSTUDIO is not a COLMAP
-# model.
+# The distortion function of each model. Its arguments are x, y and the coefficients. NERFSTUDIO is not a
+# COLMAP model.
 DISTORTIONS: dict[str, Callable[[Array, Array, Sequence[float]], tuple[Array, Array]]] = {
     "SIMPLE_RADIAL": _distort_radial,
     "RADIAL": _distort_radial,

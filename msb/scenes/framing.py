@@ -17,22 +17,22 @@ from msb.scenes.dense import find_dense
 # A mesh must cover at least this share of the pixels of its views. Views with less coverage are not used to
 # judge the mesh. At 1 % coverage, the PSNR of the whole image is 20 dB above the PSNR of the covered pixels.
 MIN_COVERAGE = 0.01
-# Faces are isolated if all other faces are at most half as far from the middle. Framing isolated faces would
-# shrink all other faces to about a quarter of their pixels.
+# Faces are isolated if all other faces are at most half as far from the middle. With such faces in the image,
+# all other faces would have only a quarter of their pixels.
 _ISOLATED = 2.0
 # Maximum share of isolated faces among all faces, and maximum share of their area, for leaving them out.
 _FEW_FACES, _LITTLE_AREA = 0.1, 0.01
 # If the remaining faces would cover too few pixels, up to this share of isolated faces is left out,
 # regardless of their area.
 _STRAY_FACES = 0.01
-# Smallest share of the faces, or of the area, that the dense part of a mesh contains.
+# Minimum share of the faces, or of the area, in the dense part of a mesh.
 _DENSE = 0.9
 # Factor that estimates the share of covered pixels from the area of a mesh divided by its squared radius. On
 # a 4:3 turntable, the measured factor was 0.042 for a sphere and 0.058 for a disc.
 _COVERED = 0.05
 # If the estimated share of covered pixels is lower, only the dense part is framed. The dense part must cover
-# at least twice this share of the pixels. Where parts hide each other, the estimate is up to four times too
-# large.
+# at least twice this share of the pixels. For parts that hide each other, the estimate is up to four times
+# too large.
 _SPARSE = 4 * MIN_COVERAGE
 # Largest number of faces used to compute the middle of an asset.
 _SAMPLES = 200_000
@@ -91,7 +91,7 @@ def find_framing(asset: Asset) -> Framing:
     solid = np.flatnonzero(np.isfinite(area) & (area > 0))
     if not len(solid):
         return everything
-    # Repeat the search with only the n faces that have a non-zero area. Compute the distances (n,) of the
+    # Compute the middle again, only from the n faces with a non-zero area. Compute the distances (n,) of the
     # nearest and farthest corner of each face.
     away = np.linalg.norm(positions - _find_middle(positions, faces[solid]), axis=1)
     corners = away[faces[solid]]

@@ -22,8 +22,8 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".avif", ".
 # Number of bytes searched for an image header. Colour profiles, thumbnails and depth maps before the header
 # take a few MiB.
 _MOST_BYTES = 1 << 23
-# First bytes of formats whose image header may be anywhere in the file: TIFF, WebP, and after four bytes
-# AVIF, HEIC.
+# First bytes of formats with an image header anywhere in the file: TIFF and WebP. In AVIF and HEIC, four
+# bytes precede them.
 _SCATTERED = (b"II*\0", b"MM\0*", b"RIFF")
 _BOX = b"ftyp"
 _HEIC = (b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1")
@@ -69,7 +69,10 @@ def read_header(path: str | os.PathLike[str]) -> ImageHeader:
 
 
 def _read_orientation(image: Image.Image) -> int:
-    """Return the EXIF orientation; 1 if it is missing or damaged, and for TIFF, which Pillow rotates."""
+    """Return the EXIF orientation, or 1 if it is missing or damaged.
+
+    For TIFF, return 1, because Pillow rotates the image.
+    """
     from PIL import Image
 
     value: Any = 1

@@ -38,7 +38,7 @@ def read_json(source: Source) -> Node:
 class Node:
     """A JSON value and its position in the file as an RFC 6901 pointer ("" is the root).
 
-    Methods that expect one kind of value raise `SceneError` CAMERA_FILE for other kinds.
+    A method raises `SceneError` CAMERA_FILE if the value has another kind than the method expects.
     """
 
     source: Source
@@ -113,7 +113,7 @@ class Node:
         return np.array(self.value, dtype=np.float64)
 
     def locating(self) -> AbstractContextManager[None]:
-        """Add the position of this value to errors raised while it is read; see `Source.locating`."""
+        """Add the position of this value to errors in the block, like `Source.locating`."""
         return self.source.locating(self.pointer)
 
 

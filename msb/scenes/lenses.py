@@ -76,7 +76,7 @@ def _fit_size(
         area = right[0] * down[1][:, :-1] - right[1] * down[0][:, :-1]
         return bool(is_inside.all() and (area > 0).all())
 
-    # First enlarge both axes together, then each axis separately as far as possible.
+    # First enlarge both axes by the same factor, then each axis separately.
     scale_x = scale_y = _largest(lambda scale: fits(scale, scale), _MIN_SCALE)
     scale_x = _largest(lambda scale: fits(scale, scale_y), scale_x)
     scale_y = _largest(lambda scale: fits(scale_x, scale), scale_y)

@@ -104,10 +104,10 @@ def interpolate_cameras(cameras: Sequence[Camera], count: int, *, closed: bool =
     to the first camera. The velocity and angular velocity of the flight are continuous.
 
     Centres follow the uniform Catmull-Rom spline (E. Catmull and R. Rom, A class of local interpolating
-    splines, 1974). An open flight is extended at its ends by reflection. Rotations follow the same spline of
-    unit quaternions, with signs aligned and the result normalised. Between two cameras, the rotation is
-    spherical linear interpolation (slerp). Focal lengths and principal points are interpolated linearly,
-    which cannot overshoot.
+    splines, 1974). Beyond its ends, an open flight continues with reflected cameras. Rotations follow the
+    same spline of unit quaternions, with signs aligned and the result normalised. Between two cameras, the
+    rotation is spherical linear interpolation (slerp). Focal lengths and principal points are interpolated
+    linearly, which cannot overshoot.
     """
     if len(cameras) < 2:
         text = f"a flight needs at least 2 cameras, not {len(cameras)}"

@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from msb.base.matrices import inverse
 from msb.errors import SceneError, shorten
 
-# Largest entry of |R R^T - I| of a rotation R that is stored unchanged, and of a rotation that is replaced by
-# the nearest one. Float32 poses stay well below the first limit, even after a few inversions. Matrices with
-# four decimals (error at most 1.8e-4) stay below the second limit.
+# Limits for the error of a rotation R, the largest entry of |R R^T - I|. Below the first limit, R is stored
+# unchanged. Up to the second limit, R is replaced by the nearest rotation. Float32 poses stay well below the
+# first limit, even after a few inversions. Matrices with four decimals (error at most 1.8e-4) stay below the
+# second limit.
 EXACT_ROTATION_ERROR, MAX_ROTATION_ERROR = 1e-4, 2e-4
 
 # Largest coordinate in scene units. Squares of larger distances do not fit into float32, the precision of
@@ -128,7 +129,7 @@ def vector3(name: str, value: ArrayLike) -> NDArray[np.float64]:
 
 
 def _unit(vector: NDArray[np.float64], least: float = 0.0) -> NDArray[np.float64] | None:
-    """Return the direction of `vector`, or None if its length is at most `least`."""
+    """Return `vector` scaled to length 1, or None if its length is at most `least`."""
     length = math.hypot(*vector)
     return vector / length if length > least else None
 

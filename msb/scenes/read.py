@@ -12,7 +12,7 @@ from msb.scenes.json_node import read_json
 from msb.scenes.sets import check_set
 from msb.scenes.source import Source
 
-# Groups of files with cameras. In a folder, the first group with an existing file is read.
+# Groups of files with cameras. In a folder, only the first existing group is read.
 _IN_FOLDERS = (
     ("transforms_train.json", "transforms_test.json"),
     ("transforms.json",),
@@ -37,7 +37,7 @@ def read_cameras(path: str | os.PathLike[str]) -> list[Camera]:
     cameras : list of Camera
         At least one camera, in the file's order, with unique names. Intrinsics and principal point are
         returned as recorded. Use `Camera.centered` for the camera that the 3DGS family renders. `split` is
-        set only if the source states it; for other sources see `split_every_8th`.
+        set only if the source contains a split. Otherwise use `split_every_8th`.
 
     Raises
     ------

@@ -16,7 +16,7 @@ PACE = 24
 _STOPS = 10
 # Number of decimals of a gap between cameras. Rounding makes equal gaps compare equal.
 _DIGITS = 6
-# Offsets of successive stops in camera axes: right, nearer, left, farther, up.
+# Directions in which successive stops are displaced, in camera axes: right, nearer, left, farther, up.
 _ASIDE = ((1, 0, 0), (0, 0, 1), (-1, 0, 0), (0, 0, -1), (0, -1, 0))
 
 
@@ -100,11 +100,11 @@ def fill_gaps(cameras: Sequence[Camera], count: int) -> list[Camera]:
 
     Neighbours include cameras that earlier steps added. Two cameras are neighbours if no other camera is
     nearer to the pose halfway between them. The rotations of neighbours must differ by less than 120 degrees.
-    A straight path to the other side of an object could pass through the object. Each step adds the halfway
-    pose that is farthest from its nearest camera. This order fills the widest gaps first. The distance of two
-    cameras is the angle between their axes in radians, plus the distance of their centres divided by the
-    radius of the capture. The result has fewer cameras if no neighbours remain, for example for a single
-    camera or for two opposite cameras.
+    This limit avoids straight paths through an object. Each step adds the halfway pose that is farthest from
+    its nearest camera. This order fills the widest gaps first. The distance of two cameras is the angle
+    between their axes in radians, plus the distance of their centres divided by the radius of the capture.
+    The result has fewer cameras if no neighbours remain, for example for a single camera or for two opposite
+    cameras.
     """
     aim = find_target(cameras)
     every = list(cameras)

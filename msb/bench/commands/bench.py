@@ -18,7 +18,7 @@ from msb.render.options import NO_CAMERAS, RendererOptions, Source, Tier, ViewOp
 SCHEMA = "msb.bench/1"
 # Number of views around the asset when --cameras is not given.
 _VIEWS = 8
-# Keys that should be equal in two compared records; the command notes differences.
+# Keys that are compared between two records. The command prints a note on each difference.
 _SAME = (
     "method", "faces", "tier", "renderer", "order", "sampling", "views", "sizes", "machine.device.name",
     "machine.device.driver",

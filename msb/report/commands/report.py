@@ -190,8 +190,8 @@ def _print_tables(report: Report, label: str | None, form: TableFormat, output: 
 
     chosen = None if label is None else report.tables.get(label)
     if label is not None and chosen is None and EQUIVALENTS.get(label) in report.tables:
-        # The user requested a table by its label in the paper. Our table gets the paper's label, so that
-        # references in a text remain valid.
+        # The user passed a label of the paper. Print our table with the paper's label, so that references in
+        # a text remain valid.
         chosen = replace(report.tables[EQUIVALENTS[label]], label=label)
     if label is not None and chosen is None:
         text = f'the table "{shorten(label, 60)}" does not exist; choose from {", ".join(report.tables)}'

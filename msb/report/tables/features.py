@@ -8,8 +8,8 @@ from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED, Table, TableCell, Tab
 
 # Titles of fields that differ from the capitalised field name.
 _TITLES = {"sh": "SH", "view_dependence": "View-dep."}
-# The fields of `Retained` that have a column, for each tier. The standard tier is the opaque fallback and
-# keeps only the appearance.
+# For each tier, the fields of `Retained` that are columns of the table. The standard tier is the opaque
+# fallback and keeps only the appearance.
 _FIELDS: dict[Tier, tuple[str, ...]] = {
     "standard": ("support", "appearance"),
     "dedicated": ("support", "view_dependence", "opacity", "soft_coverage", "depth_sort", "appearance"),

@@ -101,7 +101,7 @@ def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> 
 
 
 def gap_title(key: GapKey) -> str:
-    """Return the method of a gap with the names of its variant, engine or bake."""
+    """Return the title of a gap: its method, and its variant, engine or bake."""
     names = [condition.partition("/")[2] for condition in (key.dedicated, key.standard)]
     return ", ".join((method_title(key.method), *map(plain_text, filter(None, names))))
 
@@ -181,8 +181,8 @@ def _gap_cells(numbers: Numbers, key: GapKey) -> dict[str, TableCell]:
         return gap_cell(key.metric, value, gap, ends, sign=signed, interval=signed)
 
     if gaps is None or gaps.monotone is None or gaps.triangle_excess is None:
-        # Give the reason if one of the gaps is missing. A gap that is not supported (N/A) takes precedence
-        # over other reasons.
+        # Give the reason if one of the gaps is missing. A reason of the kind "not supported" (N/A) takes
+        # precedence.
         missing = [absent[name] for name in _NAMES if gaps is None or gaps[name].value is None]
         other = TableCell(NOT_AVAILABLE, reason="the two gaps cover different scenes")
         monotone = excess = min(missing, key=lambda cell: cell.text != NOT_SUPPORTED, default=other)
@@ -201,7 +201,7 @@ def _gap_cells(numbers: Numbers, key: GapKey) -> dict[str, TableCell]:
 def gap_cell(
     metric: str, value: float, gap: Gap, ends: Iterable[Number], *, sign: bool = True, interval: bool = True
 ) -> TableCell:
-    """Return the table cell of a value of `gap`, with the notes of `ends`, the two compared numbers."""
+    """Return a table cell for a value of `gap`, with the notes of the two compared numbers `ends`."""
     return difference_cell(
         metric,
         value,
@@ -220,7 +220,7 @@ def _end_numbers(numbers: Numbers, key: GapKey, name: GapName) -> list[Number]:
 
 
 def _replace_tiers(key: GapKey, tiers: Iterable[str]) -> list[str]:
-    """Return `tiers` with one tier replaced by the engine, bake or variant of `key`."""
+    """Return `tiers` with the tier names of `key` in place of "standard" and "dedicated"."""
     return [{"standard": key.standard, "dedicated": key.dedicated}.get(tier, tier) for tier in tiers]
 
 

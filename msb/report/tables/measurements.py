@@ -78,7 +78,7 @@ _GROUPS = {"indoor_mean": "indoor scenes", "outdoor_mean": "outdoor scenes"}
 
 
 def native_rows(numbers: Numbers, *, asset_metrics: Sequence[str] = ()) -> list[RowSpec]:
-    """Return a row for each dataset and method with native renderings or a value of `asset_metrics`."""
+    """Return a row for each dataset and method that has native renderings or values of `asset_metrics`."""
     return [
         titled_row(dataset=dataset, method=method)
         for dataset in numbers.datasets()
@@ -405,7 +405,7 @@ def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = No
 def _deployments(
     numbers: Numbers, dataset: str, metric: str, *, bakes: bool = False
 ) -> tuple[list[tuple[str, str]], tuple[str, ...]]:
-    """Return the (condition, method) pairs of a table of `metric`, and a note on each unsupported pair.
+    """Return the (condition, method) pairs for a table of `metric`. For each unsupported pair, return a note.
 
     Bakes are included only if `bakes` is true, because the cost of bakes has a separate table.
     """

@@ -22,8 +22,8 @@ from msb.report.paper import PUBLISHED_LPIPS
 from msb.report.table import NOT_AVAILABLE, Table, TableCell, TableColumn, TableRow
 from msb.report.tables.measurements import native_rows
 
-# The heading of each `Key.source`: the method's paper, its public code, the benchmark's paper, and our
-# measurement.
+# Headings of the values of `Key.source`: the method's paper, its public code, the benchmark's paper, and this
+# run.
 SOURCES = {"paper": "Paper", "public": "Public", "meshsplatbench": "MeshSplatBench paper", "": "This run"}
 
 

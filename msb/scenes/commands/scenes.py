@@ -146,7 +146,7 @@ def _print(reports: list[SceneReport], output: Output) -> None:
             used = "RGBA PNG" if scene.mask_source == "png_alpha" else str(scene.image_folder)
             used += ", resized" if scene.gt_resized else ""
             cells = (str(len(scene.train)), str(len(scene.test)), _size(scene.test[0]), used)
-        # The table names the dataset only, so scene paths appear in the notes.
+        # The table has no paths, so print the paths of scenes in the notes.
         rows.append((shorten(report.name, 40), shorten(report.dataset, 20), *cells))
     output.table(("Scene", "Dataset", "Train", "Test", "Size", "Photographs"), rows, right=(2, 3, 4))
     for report in reports:

@@ -7,7 +7,7 @@ from typing import Literal
 
 from msb.scenes.colors import WHITE, Color
 
-# Dataset name of a capture outside the known datasets, if the user passes no name.
+# Default dataset name for a capture that belongs to no known dataset.
 CUSTOM = "custom"
 
 # Layout of a scene's folder. The layout "colmap" has sparse/, "blender" has transforms_train.json and
@@ -111,7 +111,7 @@ _ROUNDING = 1
 
 
 def name_datasets(layout: Layout, name: str, above: str) -> Iterator[tuple[str, bool]]:
-    """Yield the datasets that the name of a scene, or the name of its parent folder `above`, suggests.
+    """Yield the datasets suggested by the name of a scene or by the name of its parent folder `above`.
 
     The flag is true if the name of the parent folder suggests the dataset. Such a suggestion takes
     precedence.

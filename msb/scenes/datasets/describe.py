@@ -24,7 +24,7 @@ from msb.scenes.image_size import image_size
 
 @dataclass(frozen=True)
 class ImageFolder:
-    """A folder of photographs: their number, how many the scene uses, and the size of the first."""
+    """A folder of photographs, with the number of used photographs and the size of the first."""
 
     name: str
     images: int
@@ -78,7 +78,7 @@ class SceneReport:
 def _describe_capture(scene: Scene | None) -> dict[str, Any]:
     """Return JSON data about the lens, axes, masks and split of a capture.
 
-    The values of a rejected capture are None.
+    For a rejected capture, all values are None.
     """
     if scene is None or scene.lens is None:
         return dict.fromkeys(("lens", "up", "unit", "masks", "split"))
@@ -143,7 +143,7 @@ def describe_scene(path: Path, **options: Any) -> SceneReport:
         scene = read_scene(path, **options)
     except MsbError as error:
         problem = error
-    # First collect facts that do not need a valid scene, then facts about the evaluation of the scene.
+    # First describe the folder, which does not need a valid scene. Then describe the evaluation of the scene.
     dataset = options.get("dataset") or dataset_of(path)
     images = _list_image_folders(path, scene)
     points, of_points = _count_points(path, layout)
@@ -258,7 +258,7 @@ def _explain_failure(error: MsbError, dataset: str) -> str:
 
 
 def _list_differences(ours: Scene, theirs: Scene) -> list[str]:
-    """Return short descriptions of the differences between two readings of a scene, by two sets of rules."""
+    """Return short descriptions of the differences between a scene read by our rules and by other rules."""
     first, second = ours.test[0], theirs.test[0]
     differences = []
     our_size, size = (f"{view.width} x {view.height}" for view in (first, second))

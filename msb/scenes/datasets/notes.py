@@ -157,7 +157,7 @@ def _training_size(training: Mapping[str, Any], scene: Scene) -> Size | None:
     if "width" in training and "height" in training:
         return training["width"], training["height"]
     view, folder = scene.test[0], training.get("images")
-    if folder in (None, "..") or scene.layout != "colmap":  # other layouts ignore the image folder
+    if folder in (None, "..") or scene.layout != "colmap":  # only this layout has image folders
         return None
     # Read the size of the stored photographs. If the folder images_N is missing, use the published size of
     # its images.

@@ -21,7 +21,7 @@ MASKS = "mask"
 MASK_FOLDER = "masks"
 # Pillow's modes of photographs: 8 bits per channel, with or without alpha.
 PHOTOGRAPH_MODES = ("RGB", "RGBA", "L", "LA")
-# Formats (Pillow's name, readable name) that are only accepted for conversion.
+# Image formats that must be converted before use (Pillow's name, readable name).
 _OTHER_KINDS = {"WEBP": "WebP", "AVIF": "AVIF", "HEIF": "HEIC"}
 # EXIF orientations of at least this value swap width and height.
 _FIRST_SWAP = 5
@@ -46,8 +46,8 @@ def choose_photographs(
     The caller's arguments replace the defaults of the rules. If the folder of photographs is missing, another
     folder may be used. Notes for the user are appended to `warnings`.
     """
-    # Find the rule of the dataset and, for Mip-NeRF 360, of the scene's group. Unknown scenes use the rule of
-    # the first group.
+    # Find the rule of the dataset. Mip-NeRF 360 has a rule for each group of scenes. Unknown scenes use the
+    # rule of the first group.
     group = ""
     if dataset in DATASETS:
         scenes = DATASETS[dataset].scenes
@@ -91,9 +91,9 @@ def locate_photographs(
 ) -> list[Camera]:
     """Return the views with the paths of their photographs, which need not exist.
 
-    Names of photographs are relative to `folder`. Names in JSON files begin with a folder. A requested folder
-    such as images_2 replaces this first folder. If the full names exist below the requested folder, they are
-    kept.
+    Names of photographs are relative to `folder`. In JSON files, the name of a photograph begins with a
+    folder. A requested folder such as images_2 replaces this first folder. If the full names exist below the
+    requested folder, they are kept.
     """
     files = SpelledFiles(root / folder)
     located = [replace(view, image_path=files.find(str(view.name))) for view in views]
@@ -172,8 +172,9 @@ def inspect_photographs(
 ) -> StoredPhotographs:
     """Read the headers of the photographs, and return how each photograph is read.
 
-    Photographs of cameras with one recorded size must have equal sizes. A missing photograph gets the size of
-    the other photographs. `converts` also accepts image formats that cannot be compared without conversion.
+    If cameras have equal recorded sizes, their photographs must have equal sizes. A missing photograph gets
+    the size of the other photographs. `converts` also accepts image formats that cannot be compared without
+    conversion.
     """
     sizes: dict[Size, tuple[Size, Camera]] = {}
     turned: dict[str, int] = {}
@@ -230,7 +231,7 @@ def _check_kind(root: Path, path: Path, header: ImageHeader, *, converts: bool) 
 
 
 def _choose_orientation(header: ImageHeader, record: Size) -> tuple[Size, str | None]:
-    """Return the image size of a photograph after reading, and the decision about its EXIF orientation.
+    """Return the final image size of a photograph, and whether its EXIF orientation is applied.
 
     COLMAP records the size of the pixels as stored, without the EXIF orientation. Other programs record the
     image size after applying the EXIF orientation. The decision is "applied", "as stored", "undecided", or
@@ -250,7 +251,7 @@ def _fits(size: Size, record: Size) -> bool:
 
 
 def _note_orientation(verdict: str, orientation: int, views: Sequence[Camera]) -> Finding:
-    """Return the note about the EXIF orientation of some photographs."""
+    """Return a note that states whether the EXIF orientation of photographs was applied."""
     count = f"{len(views)} photograph{'s' if len(views) > 1 else ''}"
     width, height = views[0].width, views[0].height
     recorded = f"because the cameras were recorded at {width} x {height} pixels"

@@ -159,14 +159,14 @@ def read_scene(
 def _split(root: Path, layout: Layout, key: str, by: Rules, views: Sequence[Camera]) -> SplitViews:
     """Split the views of a scene.
 
-    Recorded splits of captures outside the benchmark are used only by our rules.
+    Outside the benchmark, only our rules use a recorded split.
     """
     is_fixed = key in DATASETS or by is not RULES[OURS]
     return split_views(root, layout, views, by_name=by.order == "name", is_benchmark=is_fixed)
 
 
 def _locate_views(root: Path, layout: Layout, by: Rules, folder: str, *, is_requested: bool) -> list[Camera]:
-    """Return the recorded cameras of a scene, each with the path of its photograph."""
+    """Return the recorded cameras of a scene. Each camera has the path of its photograph."""
     views = read_views(root, layout, by, folder)
     return locate_photographs(root, layout, views, folder, is_requested=is_requested)
 

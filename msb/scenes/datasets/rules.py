@@ -58,7 +58,7 @@ class Photographs:
 
 @dataclass(frozen=True)
 class Rules:
-    """How one loader reads datasets.
+    """The rules of one loader for reading datasets.
 
     Attributes
     ----------
@@ -117,8 +117,8 @@ FAMILY: Mapping[str, Photographs] = {
     CUSTOM: Photographs(),
 }
 
-# Photographs used by code derived from 3DGS if its scripts name no folder. For Mip-NeRF 360, the original
-# photographs are reduced to `LARGEST`.
+# Photographs that code derived from 3DGS reads by default, without a folder name in its scripts. For Mip-NeRF
+# 360, the original photographs are reduced to `LARGEST`.
 FULL_SIZE: Mapping[str, Photographs] = {
     **FAMILY,
     "mipnerf360/outdoor": Photographs(),
@@ -140,8 +140,8 @@ def check_resolution(resolution: int) -> int:
 def half_even(size: Size, resolution: int) -> Size:
     """Return the image size after resizing in the 3DGS family, Triangle-Splatting, MeshSplatting and 2DGS.
 
-    A side divided by the resolution is rounded half to even. If a width is requested, fractions of a pixel
-    are truncated. At resolution -1, only photographs wider than `LARGEST` are reduced.
+    For the resolutions 2, 4 and 8, sides are rounded half to even. If a width is requested, fractions of a
+    pixel are truncated. At resolution -1, only photographs wider than `LARGEST` are reduced.
 
     Source: `graphdeco-inria/gaussian-splatting`: utils/camera_utils.py (`loadCam`).
     """

@@ -20,7 +20,7 @@ MaskSource = Literal["png_alpha", "mask_folder", "mask_path"]
 
 @dataclass(frozen=True)
 class Reading:
-    """The steps that turn a stored photograph into the image of its view's pinhole camera, before resizing.
+    """The steps between a stored photograph and the undistorted image of a pinhole camera, before resizing.
 
     Attributes
     ----------

@@ -83,7 +83,8 @@ def _read_split(
     lists.pop("val", None)
     if "test" not in lists:
         return None
-    # Find the views of the listed names. If only a test list exists, all unlisted views are training views.
+    # Find the views of the listed names. If only a list of test views exists, all other views are training
+    # views.
     found = _NameTable(views)
     split: dict[str, Split] = {} if "train" in lists else {str(view.name): "train" for view in views}
     unknown: list[str] = []
