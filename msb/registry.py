@@ -343,7 +343,7 @@ def _naming_package(method: str, doing: str) -> Iterator[None]:
 
 
 def with_role(what: Role) -> Iterator[tuple[str, Any]]:
-    """Yield the name and the module of each method that has a module for a role.
+    """Yield the name and the module of each method with a module for a role.
 
     A module that cannot be imported causes a warning.
     """

@@ -69,7 +69,7 @@ def new_files(paths: Sequence[Path], *, overwrite: bool = True) -> Iterator[Sequ
     """Yield a binary file for each of `paths`. When the block ends, either all files are replaced, or no
     file.
 
-    The files are replaced in the given order. If a file refers to the other files, list this file last. For a
+    The files are replaced in the given order. A file that refers to the other files should be the last. For a
     single path, the function behaves like `new_file`. Among several paths, devices and pipes are errors.
     """
     if len(paths) == 1:
@@ -237,7 +237,7 @@ def is_stream(path: str | os.PathLike[str]) -> bool:
     return not stat.S_ISDIR(mode) and (not stat.S_ISREG(mode) or _descriptor(path) is not None)
 
 
-# A write with one of these error numbers failed because of the disk, not because of the program.
+# These error numbers mean that the disk failed, and not the program.
 DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT}
 # The remedy in errors about existing files. Commands print "--force" in place of this text.

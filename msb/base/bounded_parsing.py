@@ -27,7 +27,7 @@ _TOML_TOKEN = re.compile(
     r"|[\[{\]}.,=\n]",
     re.DOTALL,
 )
-# For each character that ends a key, the number of nesting levels that it adds.
+# Change of the nesting level at each character that ends a key.
 _STEPS = {"[": 1, "{": 1, "]": -1, "}": -1, ",": 0, "=": 0, "\n": 0}
 
 

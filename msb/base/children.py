@@ -57,8 +57,8 @@ class Reply:
     why: str = ""
     # The reason for the early end of a call: its time limit, its memory limit, or a crash.
     ended_by: Literal["time", "memory", "crash"] | None = None
-    # Run time of the function in seconds. The value is the time limit if the call reached it, and None after
-    # a crash.
+    # Run time of the function in seconds. If the call reached the time limit, the value is the time limit.
+    # After a crash, the value is None.
     seconds: float | None = None
 
 

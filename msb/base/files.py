@@ -121,7 +121,7 @@ def map_descriptor(descriptor: int, most: int | None = None) -> mmap.mmap | byte
 def open_error(error: OSError | ValueError, path: object, what: str = "file") -> InputError:
     """Convert an operating system error about `path` to an error of msb.
 
-    The message calls the path a `what`, such as "file".
+    In the message, the path is called a `what`, such as "file".
     """
     if is_missing(error):
         return InputError("FILE_NOT_FOUND", f"this {what} does not exist", file=path)
@@ -129,7 +129,7 @@ def open_error(error: OSError | ValueError, path: object, what: str = "file") ->
 
 
 def check_folder(path: Path, what: str = "folder") -> None:
-    """Check that `path` is an existing folder. The message calls the path a `what`."""
+    """Check that `path` is an existing folder. In the message, the path is called a `what`."""
     if not is_folder(path):
         if os.path.lexists(path):
             raise InputError("FILE_UNREADABLE", f"it is not a {what}", file=path)
@@ -150,7 +150,7 @@ def system_reason(error: OSError | ValueError) -> str:
 
 
 def library_reason(error: Exception) -> str:
-    """Return the reason why a library could not read a file, from the exception that the library raised.
+    """Return the reason for an exception of a library that failed to read a file.
 
     A damaged file can cause any exception. A damaged file can also exhaust the memory, because a few bytes
     can declare gigabytes.

@@ -1,6 +1,6 @@
 """Annotations that turn the fields of an options dataclass into command-line options.
 
-Example: ``tier: Annotated[Tier, Option("How to draw.")] = "standard"``. A command that takes such a
+Example: ``tier: Annotated[Tier, Option("How to draw.")] = "standard"``. A command that takes an options
 dataclass has an option for each annotated field.
 """
 

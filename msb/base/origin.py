@@ -76,8 +76,8 @@ def to_world(positions: NDArray[Any], origin: ArrayLike) -> NDArray[Any]:
 def round_coordinates(vertices: NDArray[Any], origin: ArrayLike | None = None) -> NDArray[Any]:
     """Return `vertices` (V, 3) rounded to float32 relative to the origin.
 
-    The default is the origin of the vertices. The result is float64 if the mesh has an origin, otherwise
-    float32.
+    By default, the origin is computed from the vertices. The result is float64 if the mesh has an origin,
+    otherwise float32.
     """
     origin = find_origin(vertices) if origin is None else origin
     return to_world(to_local(vertices, origin), origin)

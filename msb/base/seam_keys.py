@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Names of two attributes in `msb.topology.seams.Attributes`. SEAM_KEY is also the name of a buffer of an
-# asset.
+# Names of attributes in `msb.topology.seams.Attributes`. SEAM_KEY is also the name of a buffer of an asset.
 SEAM_KEY, TRIANGLE_LIST = "seam_key", "triangle_list"
 # Multiplier of the Fibonacci hash: 2^32 divided by the golden ratio.
 _MULTIPLIER = np.uint32(0x9E3779B1)

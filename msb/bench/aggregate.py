@@ -18,7 +18,7 @@ from msb.topology.metric_text import DECIMALS
 
 Better = Literal["higher", "lower"]
 _MIB = float(1 << 20)
-# Maximum difference between the frame rates of a timing's rounds, relative to the overall frame rate. On an
+# Limit for the difference between the frame rates of the rounds, relative to the overall frame rate. On an
 # idle machine the rounds differ by a few percent. A difference of more than 25 % shows that other programs
 # slowed down the renderer.
 MAX_RATE_RANGE = 0.25
@@ -167,9 +167,9 @@ def _list_metrics() -> Mapping[str, Metric]:
 
 
 # All numbers of the tables. Memory and sizes are in bytes. `spread_ms` is P95 - P50, and `host_ms` is the
-# wall-clock time of a frame minus its device time. `unsteady` is the difference between the frame rates of
-# the fastest and the slowest round, divided by the overall frame rate. `flicker` and `holes` are measured on
-# the walk, a camera path away from the captured views. `chamfer` is the DTU benchmark's "overall" distance.
+# wall-clock time of a frame minus its device time. `unsteady` is the difference between the fastest and the
+# slowest round, divided by the overall frame rate. `flicker` and `holes` are measured on the walk, a camera
+# path away from the captured views. `chamfer` is the DTU benchmark's "overall" distance.
 METRICS: Mapping[str, Metric] = Lazy(_list_metrics)
 
 # The scenes of each dataset that are averaged.
@@ -201,7 +201,7 @@ class Mean:
 
 
 def expected_scenes(dataset: str, present: Iterable[str]) -> tuple[str, ...]:
-    """Return the scenes of `dataset` over which values are averaged.
+    """Return the scenes of `dataset` that averages include.
 
     The result is all published scenes if `present` contains a published scene, otherwise the scenes in
     `present`.

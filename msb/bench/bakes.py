@@ -131,7 +131,7 @@ def make_bake(task: BakeTask) -> ModelAsset:
     scene = read_planned_scene(task.scene, task.views)
     source = with_settings(task.model.open(), task.settings)
     baked = bake(source, scene=scene, device=task.device, **task.options)
-    check_run(task.root, task.run)  # a worker of a killed run must not write into the results of a later run
+    check_run(task.root, task.run)  # stop if a later run has started
     report = baked.save(task.path, overwrite=True)
     asset = describe_file(task.path).model_copy(update={"bytes": measure_size(task.path)})
     document = BakeDocument.of(report.to_dict())
@@ -154,7 +154,7 @@ class _BakeDescription(Record):
 
 
 def _make_model(task: BakeTask, description: _BakeDescription) -> ModelAsset:
-    """Return the model of a task with the baked mesh as its asset."""
+    """Return a model whose asset is the baked mesh."""
     asset = description.asset.model_copy(update={"path": str(task.path)})
     return task.model.model_copy(
         update={"asset": asset, "source": task.model.asset, "bake": description.bake}

@@ -42,7 +42,7 @@ MEASURES: dict[PartName, Callable[[Job], dict[str, Any]]] = {
     "renderer_timing": read_native_timing,
     "timing": measure_timing,
 }
-# Keys of `Result` that each part fills. A part without an entry fills the key of the same name.
+# Keys of `Result` that each part fills. Parts without an entry fill the key with the part's own name.
 _KEYS: dict[PartName, tuple[str, ...]] = {
     "quality": ("quality", "setup", "renders", "renderer", "device"),
     "timing": ("timing", "memory", "floor", "device"),
@@ -94,7 +94,7 @@ def write_lost(job: Job, reason: Reason) -> None:
 
 
 def _write(job: Job, record: dict[str, Any]) -> Result:
-    """Write and return the record of a cell with the parts in `record`."""
+    """Write the record of a cell with the parts in `record`, and return the record."""
     failed = next((record["reasons"].pop(part) for part in MAIN if part in record["reasons"]), None)
     result = Result(
         cell=job.cell,
@@ -120,7 +120,7 @@ def _read_old(job: Job) -> Result | None:
 
 
 def _keep_valid_parts(job: Job, old: Result | None) -> dict[str, Any]:
-    """Return the valid parts of the earlier record. The keys are arguments of `Result`."""
+    """Return the valid parts of the earlier record. The result contains arguments of `Result`."""
     kept: dict[str, Any] = {"inputs": {}, "reasons": {}, "seconds": 0.0}
     if old is None:
         return kept
@@ -145,8 +145,8 @@ def _is_valid(part: PartName, job: Job, old: Result) -> bool:
     if requested is not None:
         return recorded == requested
     # The current inputs of the part are unknown, because the protocol no longer requests the part. A part is
-    # valid if it shares its inputs with the images or the audit, and these inputs are unchanged. Timing and
-    # walk must also use the same rendering options as the images.
+    # valid if it shares its inputs with the images or the audit, and these inputs are unchanged. Also, timing
+    # and walk must have the same rendering options as the images.
     present = {name: value for main in MAIN for name, value in job.requested.get(main, {}).items()}
     images = job.requested.get("quality", {}).keys()
     same_options = (

@@ -1,9 +1,9 @@
 """Deployment gaps and slowdowns between the conditions of a method (paper: section "Multi-Modal Audit").
 
-Let Q_ne, Q_ded and Q_std be the values of a metric in Non-Engine, Dedicated and Standard, and let s be +1 if
-higher values are better and -1 otherwise. The signed losses are a = s (Q_ne - Q_ded), p = s (Q_ded - Q_std)
-and d = s (Q_ne - Q_std); a positive loss means a worse result. The paper's gaps of adaptation, portability
-and deployment are the absolute values of a, p and d. The paper's equation deploy = adapt + port holds only if
+Let Q_ne, Q_ded and Q_std be the values of a metric in Non-Engine, Dedicated and Standard. Let s be +1 if
+higher values are better, otherwise -1. The signed losses are a = s (Q_ne - Q_ded), p = s (Q_ded - Q_std) and
+d = s (Q_ne - Q_std); a positive loss means a worse result. The paper's gaps of adaptation, portability and
+deployment are the absolute values of a, p and d. The paper's equation deploy = adapt + port holds only if
 Dedicated lies between Non-Engine and Standard (`Gaps.monotone`). `Gaps.triangle_excess` is adapt + port -
 deploy.
 """
@@ -51,17 +51,17 @@ class Gap:
     value: float | None
     # The signed loss; positive if the second condition is worse.
     signed: float | None = None
-    # The reason for a missing gap, as returned by `incomparable`.
+    # The reason for a missing gap, a result of `incomparable`.
     reason: str | None = None
-    # The average of the absolute gaps of single scenes. This average is at least `value`, because gains and
-    # losses of different scenes cancel in `value`.
+    # The average of the absolute gaps of single scenes. Gains and losses of different scenes cancel in
+    # `value`, but not in this average.
     mean_abs_scene_gap: float | None = None
     scenes: int = 1
     expected: int = 1
     # The average of each condition over the scenes of the gap. Other tables may average over more scenes.
     ends: tuple[float, float] | None = None
-    # The 95 % interval of `signed`, computed from the losses in single views. The interval is None if only
-    # the two averages are known.
+    # The 95 % interval of `signed`, computed from the losses in single views. If only the two averages are
+    # known, the interval is None.
     interval: Interval | None = None
 
     @property
@@ -78,11 +78,11 @@ class Gaps:
     adapt: Gap
     port: Gap
     deploy: Gap
-    # Whether the value of Dedicated lies between the values of Non-Engine and Standard. Values are rounded as
-    # in tables and may be equal. The result is None if a gap is missing, or if the gaps cover different
-    # scenes.
+    # Whether the value of Dedicated lies between the values of Non-Engine and Standard. Values are compared
+    # after rounding, as in tables, and equality is sufficient. The result is None if a gap is missing, or if
+    # the gaps cover different scenes.
     monotone: bool | None
-    # The excess adapt + port - deploy: 0 for monotone values, otherwise 2 min(adapt, port).
+    # The excess adapt + port - deploy. It is 0 for monotone values, otherwise 2 min(adapt, port).
     triangle_excess: float | None
 
     def __getitem__(self, name: GapName) -> Gap:
@@ -124,8 +124,8 @@ def scene_gaps(metric: str, results: Conditions) -> Gaps:
 def dataset_gaps(metric: str, results: Mapping[str, Conditions], scenes: Iterable[str]) -> Gaps:
     """Return the gaps of one method between its averages on a dataset, as in the paper.
 
-    `results` contains the records by scene, then by condition. `scenes` are the expected scenes. A gap covers
-    all scenes in which the records of both conditions are comparable.
+    `results` contains the records by scene, then by condition. `scenes` are the expected scenes. A gap
+    includes the scenes in which both conditions have comparable records.
     """
     expected = tuple(scenes)
     covered: dict[GapName, tuple[str, ...]] = {}
@@ -173,7 +173,7 @@ def slowdown(
     """Return the ratio of the frame rates of two conditions.
 
     The default is the paper's slowdown, the frame rate of Standard divided by the frame rate of Dedicated.
-    The ratio of "dedicated" to "non_engine" compares our engine tier with the method's own renderer.
+    For a comparison of an engine with the method's own renderer, pass "dedicated" and "non_engine".
     """
     expected = tuple(scenes)
     values, reasons = _select_comparable("fps", results, expected, numerator, denominator)
@@ -291,9 +291,9 @@ def _combine(metric: str, gaps: Mapping[GapName, Gap], *, same_scenes: bool = Tr
 
 
 def _find_commonest(reasons: list[str]) -> str:
-    """Return the most frequent reason; "missing" is returned only if no scene has another reason.
+    """Return the most frequent reason, except "missing". If no scene has another reason, return "missing".
 
-    For example, if a dataset is incomplete, the result is the reason of its measured scenes.
+    The reason "missing" alone would not tell why the measured scenes have no gap.
     """
     others = [reason for reason in reasons if reason != "missing"]
     return max(dict.fromkeys(others), key=others.count) if others else "missing"
@@ -316,8 +316,7 @@ def _compare_devices(first: Result, second: Result) -> str | None:
     native = [record.renderer_timing for record in (first, second) if record.renderer_timing is not None]
     if any(timing.whole_command for timing in native):
         return "whole_command"
-    # A timing measured by the user states only the name of its device. Therefore only device names are
-    # compared.
+    # A timing by the user contains only the name of its device. Therefore only device names are compared.
     if native:
         return None if _get_device_name(first) == _get_device_name(second) else "device_mismatch"
     devices = [

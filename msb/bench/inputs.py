@@ -47,7 +47,7 @@ class InputReader:
     def __init__(self, device: Mapping[str, Any] | None = None) -> None:
         # The record of the OpenCL device, if any.
         self.device = device
-        # Warnings about scenes and invalid records, as the keys of a dictionary to avoid repetition.
+        # Warnings about scenes and invalid records. The values of the dictionary are not used.
         self.warnings: dict[str, None] = {}
         self._scenes: dict[Path, Scene] = {}
         self.describe_views = cache(self._views)
@@ -73,8 +73,8 @@ class InputReader:
     ) -> Iterator[str]:
         """Yield each difference between a model's training and the evaluation, and store a warning.
 
-        Pass the path of the model as `place`. Pass None as `model` if only official renderings exist.
-        `held_out` is the protocol key that confirms that the test views were not used for training.
+        Pass the path of the model as `place`. If only official renderings exist, `model` is None. `held_out`
+        is the protocol key that confirms that the test views were not used for training.
         """
         notes: list[Finding] = []
         if model is not None:
@@ -110,7 +110,7 @@ def find_inputs(job: Job, reader: InputReader) -> dict[PartName, PartInputs]:
     parts: dict[PartName, PartInputs] = {}
     condition = job.cell.condition
     views = {"cameras": job.views.cameras, "photographs": job.views.photographs}
-    # An exported mesh is audited instead of rendered. The protocol may also request trials, repairs and
+    # An exported mesh is audited and not rendered. The protocol may also request trials, repairs and
     # measurements of the mesh.
     if condition == "exported_mesh":
         if job.model is not None:
@@ -120,8 +120,8 @@ def find_inputs(job: Job, reader: InputReader) -> dict[PartName, PartInputs]:
         if job.cell.dataset == "dtu" and job.chamfer is not None:
             parts["chamfer"] = _find_chamfer_inputs(job, job.chamfer, reader)
     else:
-        # All other conditions have images. Conditions rendered by us also have a walk (a camera path) and a
-        # timing.
+        # All other conditions have images. Conditions that our renderers draw also have a walk (a camera
+        # path) and a timing.
         parts["quality"] = {
             **views,
             **_find_image_inputs(job, reader),
@@ -172,7 +172,7 @@ def _find_mesh_inputs(job: Job) -> dict[PartName, PartInputs]:
 def _find_trial_inputs(job: Job, names: Sequence[str], table: TrialTable) -> PartInputs:
     """Return the inputs of a trial.
 
-    Missing libraries are inputs, so that installing a library repeats the trial.
+    Missing libraries are inputs. Therefore the trial is repeated after a library was installed.
     """
     from msb.trial.registry import missing_modules, select_tasks
 
@@ -239,7 +239,7 @@ def find_scan_files(data: Path, scene: str) -> list[Path]:
 
 
 def _find_chamfer_inputs(job: Job, table: ChamferTable, reader: InputReader) -> PartInputs:
-    """Return the inputs of the Chamfer distance. Missing files are reported when the distance is computed."""
+    """Return the inputs of the Chamfer distance. A missing file is reported when the distance is computed."""
     from msb.metrics import identity
 
     scene = job.scene.read()

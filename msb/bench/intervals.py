@@ -23,7 +23,7 @@ LEVEL = 0.05
 # and only 1 % at a ratio of 100.
 MOST_UNEQUAL = 3
 NO_VIEWS = "no values of single views"
-# Two values are treated as equal if their relative difference is smaller than this.
+# Values with a smaller relative difference are treated as equal.
 _SAME = 1e-9
 
 
@@ -67,8 +67,9 @@ def view_values(result: Result, metric: str) -> dict[str, float]:
 def interval(scenes: Sequence[Sequence[float]]) -> Interval:
     """Return the 95 % confidence interval of an average over scenes.
 
-    `scenes` lists the values of all views for each scene, or the differences between two conditions. The
-    value of a scene is the average of its views. If there is only one scene, the interval is over its views.
+    `scenes` contains the values of all views of each scene. A value can be a metric of one condition, or the
+    difference between two conditions. A scene's value is the average over its views. If there is only one
+    scene, the interval is over its views.
     """
     counts = [len(values) for values in scenes]
     if not counts or not all(counts):

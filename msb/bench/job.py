@@ -35,7 +35,7 @@ class Job:
     scene: SceneAt
     # The state of the scene at the time of planning.
     views: ViewState
-    # The inputs to record for each part to compute. Other parts of the record are kept while they are valid.
+    # The inputs to record for each part to compute. All other valid parts of the record are kept.
     parts: Mapping[PartName, PartInputs]
     # The current inputs of every part that the protocol requests for the benchmark cell.
     requested: Mapping[PartName, PartInputs] = field(default_factory=dict)
@@ -45,7 +45,7 @@ class Job:
     settings: Mapping[str, Any] = field(default_factory=dict)
     # The order and sampling options of a variant.
     options: Mapping[str, str] = field(default_factory=dict)
-    # The folder of official renderings. The value None selects our reference renderer.
+    # The folder of official renderings. If the value is None, our reference renderer is used.
     renders: Path | None = None
     training: Path | None = None
     mesh: Path | None = None

@@ -24,7 +24,7 @@ from msb.metrics.registry import modules_needed
 from msb.render.backend import why_unavailable
 from msb.scenes.datasets import SceneAt
 
-# Label of the inputs that every run needs.
+# The use of inputs that all cells need.
 _ANY = "needed for all cells"
 
 
@@ -43,7 +43,7 @@ class Missing:
 
 
 class _Need(NamedTuple):
-    """A missing input of one cell."""
+    """An input that is missing for one cell."""
 
     code: str
     error: str
@@ -154,7 +154,10 @@ class _Search:
         return needs
 
     def check_inputs(self, planned: Planned) -> Iterator[tuple[MsbError | None, str, bool]]:
-        """Yield for each input: its error or None, its use, and whether the cell needs the input."""
+        """Check each input of a cell.
+
+        Yield the error or None, the use of the input, and whether the cell needs the input.
+        """
         cell, chamfer = planned.cell, self.file.protocol.chamfer
         pair = self.planner.pairs[cell.names]
         method, model = pair.method, cell.model_name
@@ -224,8 +227,8 @@ def _get_text(error: MsbError) -> str:
 def _check_template(file: ProtocolFile, template: str, names: Mapping[str, str]) -> None:
     """Raise FILE_NOT_FOUND if the path of a template does not exist.
 
-    The error names the outermost missing folder, so that all scenes below it give the same error. The search
-    starts at the folder that contains the first placeholder {dataset} or {scene}.
+    The error names the outermost missing folder. Therefore all scenes below this folder have the same error.
+    The search starts at the folder that contains the first placeholder {dataset} or {scene}.
     """
     places = (match for match in PLACE.finditer(template) if match[1] in ("dataset", "scene"))
     place = next(places, None)

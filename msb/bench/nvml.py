@@ -23,14 +23,15 @@ class Gpus:
     """The NVIDIA GPUs of this machine, or the reason why they cannot be measured: no library, driver or GPU.
 
     Two numbers are measured: the memory listed by NVML for given processes, and the growth of the whole
-    device's memory. The growth of device memory is used if NVML cannot list processes.
+    device's memory. If NVML cannot list processes, the growth of device memory is used.
     """
 
     def __init__(self) -> None:
         # The reason that no GPU can be measured; None if at least one GPU can be measured.
         self._reason: str | None = None
         self._handles: list[Any] = []
-        # Peak bytes of the processes, and peak growth of the device memory in bytes, by GPU index.
+        # For each GPU index, the peak memory of the processes and the peak growth of the device memory, in
+        # bytes.
         self._process_peaks: dict[int, int] = {}
         self._device_peaks: dict[int, int] = {}
         # Peak memory, summed over all GPUs.
@@ -86,7 +87,7 @@ class Gpus:
         """
         if self._reason is not None:
             return None, None, self._reason
-        # A sum over only some of the GPUs would be too small.
+        # If a GPU cannot be measured, the sum over all GPUs is unknown.
         has_processes = len(self._process_peaks) == len(self._handles)
         has_devices = len(self._device_peaks) == len(self._handles)
         if has_processes and (self._lists_processes or (has_devices and not self._device_peak)):
@@ -147,7 +148,7 @@ class Gpus:
 def read_driver_memory(device: Mapping[str, Any]) -> tuple[int | None, str | None]:
     """Return the bytes of this process on NVIDIA GPUs, or the reason if they are unknown.
 
-    `device` is the key "device" in the record of a machine.
+    Pass the key "device" of the record of a machine.
     """
     if device.get("kind") != "gpu":
         return None, "the rendering device is not a GPU"

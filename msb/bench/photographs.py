@@ -32,12 +32,11 @@ _MAX_BYTES = 64 << 20
 
 @dataclass(frozen=True)
 class ViewState:
-    """The state of a scene's test views: hashes of everything that affects a comparison."""
+    """The state of a scene's test views: hashes of all data that affects a comparison."""
 
     # Hash of the names, sizes, intrinsics and poses of the cameras.
     cameras: str
-    # Hash of photographs, sizes, masks and background. The hash of the photographs is the name of the ground
-    # truth folder.
+    # Hash of photographs, sizes, masks and background. The ground truth folder is named after this hash.
     photographs: str
     setup: Setup
     # Common names of photographs, renderings and ground truth, without suffix.
@@ -77,7 +76,7 @@ def describe_views(scene: Scene) -> ViewState:
 
 
 def _describe_reading(scene: Scene, camera: Camera) -> list[object]:
-    """Return how the photograph of a view is rotated and undistorted, as JSON data."""
+    """Return the orientation and the undistortion of a photograph as JSON data."""
     reading = scene.readings[str(camera.name)]
     lens, about = reading.lens, list[object]((camera.name, reading.orientation))
     if lens is None or lens.distortion is None:
@@ -142,7 +141,7 @@ def _make_document(views: ViewState, files: Mapping[str, str]) -> dict[str, obje
 
 
 def _find_fault(folder: Path, views: ViewState) -> str | None:
-    """Return the first difference between the ground truth and its list of hashes, or None."""
+    """Compare the ground truth with its list of hashes. Return the first difference, or None."""
     try:
         about = read_json(folder / HASHES, _MAX_BYTES)
         present = _hash_files_below(folder)
@@ -166,7 +165,7 @@ def _find_fault(folder: Path, views: ViewState) -> str | None:
 def _hash_files_below(folder: Path) -> dict[str, str]:
     """Return the SHA-256 of each file below a folder, by name. The hash list itself is left out.
 
-    If a folder has the name of a file, its hash is "".
+    A folder in place of a file has the hash "".
     """
     files = (Path(root, name) for root, _, names in os.walk(folder) for name in names)
     return {

@@ -65,18 +65,17 @@ class Planned:
     # have a `reason`.
     status: Literal["done", "pending", "failed", "unsupported"] = "pending"
     reason: Reason | None = None
-    # A bake that must finish before the parts of the cell can be planned.
+    # The bake must finish before the parts of the cell can be planned.
     bake: BakeTask | None = None
 
 
 def find_pairs(
     file: ProtocolFile, only: Sequence[str] = (), folder_errors: dict[str, MsbError] | None = None
 ) -> list[Pair]:
-    """Return the pairs of method and scene that have at least one cell selected by `only` (`is_selected`).
+    """Return the pairs of method and scene that contain a cell selected by `only` (`is_selected`).
 
     If the protocol lists no scenes of a dataset, its folder is searched; an unreadable folder is an error. If
-    `folder_errors` is given, the error is stored in `folder_errors` under the dataset's name, and the dataset
-    is skipped.
+    `folder_errors` is given, it receives the error of each unreadable dataset, and the dataset is skipped.
     """
     check_names(file.path.absolute(), file.results)
     variants, bakes = file.protocol.variants, file.protocol.bakes
@@ -117,7 +116,7 @@ def _make_selection_error(only: Sequence[str], names: Sequence[str]) -> UsageErr
 
 
 class Planner:
-    """Plans the cells selected by `only`; with `redo`, finished parts are computed again."""
+    """Plans the cells that `only` selects. If `redo` is true, finished parts are computed again."""
 
     def __init__(
         self,
@@ -226,7 +225,10 @@ class Planner:
         return self._plan_cell(self.pairs[cell.names], bake, cell)
 
     def _plan_cell(self, pair: Pair, model: ModelAsset | Exception | None, cell: Cell) -> Planned:
-        """Return the plan of a cell: unsupported, failed, done, or with a job for the parts to compute."""
+        """Return the plan of a cell.
+
+        The state is unsupported, failed or done, or the plan has a job for the missing parts.
+        """
         # do not read the files of a cell that is not selected
         if not is_selected(cell, self.only):
             return Planned(cell, None)
@@ -272,7 +274,7 @@ class Planner:
         if variant is not None and (why := _find_variant_fault(variant, cell.method)):
             return Reason(code="UNSUPPORTED_OPTION", message=why)
         why = None if tier is None else reasons.get(tier)
-        if isinstance(model, ModelAsset):  # an asset of this method contains Gaussians or triangles
+        if isinstance(model, ModelAsset):  # Gaussians, or triangles made from Gaussians
             manifest = model.open().manifest
             if tier is None and manifest.primitive == "gaussian":
                 tier = "standard"

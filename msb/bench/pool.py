@@ -66,7 +66,7 @@ def run_all(
         suspects = 1 if alone else workers.jobs
         numbers = range(len(waiting))
         broken = []
-        # Create one group of all tasks, or a separate group for each task that must run alone.
+        # Submit all tasks as one group. If tasks must run alone, submit each task as a separate group.
         for group in ([number] for number in numbers) if alone else [numbers]:
             for number, answer in _run_group(workers, function, {k: waiting[k] for k in group}):
                 if isinstance(answer, BrokenExecutor):

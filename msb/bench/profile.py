@@ -88,7 +88,7 @@ def profile(
             cycle.repeat(SETTLED_AT - cycle.frames, 0)
     elif warm_up:
         cycle.repeat(warm_up, 0)
-    # The frames drawn from here on are timed. Draw the remaining cameras only to measure memory.
+    # Time the frames from here. Draw the remaining cameras only to measure memory.
     start = time.perf_counter()
     cycle.ends.clear()
     drawn = cycle.repeat(frames, seconds, step=step)
@@ -142,7 +142,10 @@ def _select_frame_times(spans: Sequence[float]) -> tuple[float, ...]:
 
 
 class _CameraCycle:
-    """Draws cameras in turn. `unseen` contains the cameras whose memory is not measured yet."""
+    """Draws cameras in turn.
+
+    `unseen` contains the cameras that must still be drawn to measure their memory.
+    """
 
     def __init__(self, renderer: Renderer, cameras: Sequence[Camera], background: Sequence[float]) -> None:
         self.renderer, self.cameras, self.background = renderer, cameras, background

@@ -65,7 +65,7 @@ class Stage:
     def estimate_rest(self) -> RemainingTime | None:
         """Return the estimated time of the remaining tasks, from the average time of each kind.
 
-        The result is None if no remaining kind of task has a finished task.
+        If no remaining kind of task has a finished task, the result is None.
         """
         # The progress bar calls this function in another thread, so lists that may change are copied.
         means = {kind: statistics.fmean(durations) for kind, durations in list(self._durations.items())}

@@ -139,7 +139,7 @@ def _quote(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
 
 
-# Errors in a protocol that the types of its tables cannot detect: JSON pointer and text.
+# Pairs (JSON pointer, text) for errors that the types of the tables cannot detect.
 _Faults = Iterator[tuple[str, str]]
 
 
@@ -242,8 +242,7 @@ def _check_variant(variant: VariantTable, protocol: Protocol, place: str) -> _Fa
     if variant.renderer is not None and variant.renderer not in renderers():
         text = f'unknown renderer "{shorten(variant.renderer)}"; available: {", ".join(renderers())}'
         yield f"{place}/renderer", text
-    # Each setting is checked for all methods that have it. If no method has the setting, the check reports an
-    # error.
+    # Each setting is checked for all methods that have it. An unknown setting is an error.
     names = [method.name for method in protocol.methods]
     known = METHODS if AUTO in names else names
     for name, value in get_overrides(variant).items():
@@ -253,7 +252,7 @@ def _check_variant(variant: VariantTable, protocol: Protocol, place: str) -> _Fa
 
 
 def _check_call(place: str, check: Callable[..., object], *arguments: Any) -> _Faults:
-    """Call a function. If it raises a UsageError, yield the error's text at `place`."""
+    """Call a function. A UsageError of the function is yielded as an error at `place`."""
     try:
         check(*arguments)
     except UsageError as error:

@@ -11,7 +11,7 @@ from msb.bench.timing import Timing
 from msb.bench.validation import Record
 from msb.registry import Order, Sampling
 
-# A method with this name is detected from its model.
+# The method of a model with this name is detected from its files.
 AUTO = "auto"
 # Value of `non_engine` that requests images of our NumPy renderer instead of official renderings.
 REFERENCE = "reference"
@@ -37,7 +37,8 @@ class SceneOptions(Record):
     # Downsampling factor or width in pixels, as the option ``-r`` of code derived from 3DGS.
     resolution: int | None = None
     background: Color | None = None
-    # The camera convention during training. Default: "full_K" for DiffSoup and meshes, else "gs_fov".
+    # The camera convention during training. Default: "full_K" for DiffSoup and meshes, "gs_fov" for all other
+    # methods.
     camera_convention: Literal["gs_fov", "full_K"] | None = None
 
 
@@ -66,7 +67,7 @@ class MethodTable(SceneOptions):
     datasets: tuple[FolderName, ...] = ()
     # Values that replace settings, like the option ``--set``.
     settings: dict[str, Setting] = Field(default_factory=dict)
-    # Default: the conditions of the protocol.
+    # Default: all conditions of the protocol.
     conditions: Annotated[tuple[Condition, ...], Field(min_length=1)] | None = None
     # The folder of official renderings, or "reference". Without a folder or "reference", the condition
     # non_engine is left out.
@@ -177,7 +178,7 @@ class WalkTable(Record):
 class TrialTable(Record):
     """``[trial]``: tasks on the exported mesh, and the limits of each library."""
 
-    # Names of trial tasks, as in `msb trial --task`. Default: all.
+    # Names of the trial tasks, as in the option ``--task`` of `msb trial`. Default: all.
     tasks: tuple[str, ...] = ()
     # Whether to compare repairs of the mesh like `msb repair --compare`, with `tasks` or its default tasks.
     compare: bool = False

@@ -79,7 +79,7 @@ def load_measures(weights: Path | None) -> metrics.Measures:
 def hash_metrics(weights: Path | None) -> str:
     """Return a hash of the definitions of all metrics.
 
-    Recorded values are valid while this hash is unchanged.
+    While this hash is unchanged, recorded values remain valid.
     """
     return digest([defined(identity.to_dict()) for identity in load_measures(weights).identities])
 
@@ -150,9 +150,9 @@ class _RenderedImages:
 
 
 def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
-    """Return the renderer of a cell for `asset`; the default asset is the model of the cell.
+    """Return the renderer for the asset of a cell. Pass another `asset` to replace the asset.
 
-    The renderer creates no buffers that only other commands need.
+    The renderer omits buffers that are only needed by other commands.
     """
     from msb.render import Renderer
     from msb.render.backend import minimal_options
@@ -167,7 +167,7 @@ def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
 def describe_renderer(job: Job, name: str) -> RendererInfo:
     """Return the record of a renderer.
 
-    Pass "TITLE VERSION" as `name`. The settings are those of the job.
+    Pass "TITLE VERSION" as `name`. The settings are taken from the job.
     """
     from msb.asset.settings import effective_settings
 
@@ -185,7 +185,7 @@ def describe_renderer(job: Job, name: str) -> RendererInfo:
 def _compare(
     job: Job, camera: Camera, name: str, pixels: Pixels, truth: Path, measures: metrics.Measures
 ) -> dict[str, Any]:
-    """Return the values of `ImageQuality` without the hash of the file, which is still being written.
+    """Return the values of `ImageQuality` except the hash of the image file, which is still being written.
 
     `pixels` is the image as (H, W, 3) uint8, and `truth` is the file of the photograph.
     """

@@ -51,7 +51,7 @@ TIER_OF: Mapping[str, Tier] = MappingProxyType(
 
 # Conditions that are measured on the walk, because their renderers accept arbitrary cameras.
 WALKED: tuple[Condition, ...] = ("dedicated", "standard")
-# The condition name of a bake begins with this word.
+# Names of bake conditions begin with this word.
 BAKED = "baked"
 
 # Tolerance for recorded averages: larger than rounding errors, and smaller than the last printed digit.
@@ -59,7 +59,7 @@ _ROUNDING = {"rel_tol": 1e-9, "abs_tol": 1e-9}
 
 # Larger numbers in any part of a record are rejected. Sums and squares of accepted numbers do not overflow.
 _MAX_NUMBER = 1e100
-# A positive number. The lower limit avoids overflow in divisions.
+# A positive number. The lower limit avoids infinite quotients.
 _Divisor = Annotated[float, Field(ge=1e-9)]
 
 Status = Literal["done", "failed", "unsupported"]
@@ -87,7 +87,7 @@ class Cell(Record):
     variant: Name | None = None
     # The label of a bake: a standard-tier mesh that was baked from the model.
     bake: Name | None = None
-    # The name of an engine, or of a variant's renderer, in `msb.renderers`.
+    # The name in `msb.renderers` of the cell's engine, or of a variant's renderer.
     renderer: Name | None = None
 
     @property
@@ -178,7 +178,7 @@ class Quality(_MetricValues):
     # Number of images with infinite PSNR.
     psnr_inf_count: Count
     images: tuple[ImageQuality, ...]
-    # The identity of every metric with version and parameters (`msb.metrics.identity`).
+    # The identity of every metric (`msb.metrics.identity`), with version and parameters.
     metrics: tuple[dict[str, Any], ...]
     # For each missing metric of another package, the reason that it has no value.
     missing: dict[Name, str] = Field(default_factory=dict)
@@ -219,7 +219,8 @@ class Timing(Record):
     # Sum of the times of all commands of a frame.
     busy_p50_ms: Amount
     busy_p95_ms: Amount
-    # Device time since the first command was queued; None if the renderer does not measure this time.
+    # Device time since the first command was queued. The value is None if the renderer cannot measure this
+    # time.
     queued_p50_ms: Amount | None
     queued_p95_ms: Amount | None
     # Frame rates of up to five consecutive rounds. The rates differ if other programs use the machine.
@@ -233,7 +234,7 @@ class Timing(Record):
 
     @property
     def has_device_times(self) -> bool:
-        """Whether the renderer measured times on its device. If this is false, all device times are 0."""
+        """Whether the renderer measured times on its device. The value is false if all device times are 0."""
         return self.mean_ms > 0
 
     @model_validator(mode="after")

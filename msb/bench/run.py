@@ -62,7 +62,7 @@ class CellOutcome:
     result: Result | None
     # Seconds that the run spent on the cell.
     seconds: float
-    # For each missing part, or for the whole cell ("cell"), the reason.
+    # The reason for each missing part of the cell. The key "cell" gives the reason for a missing cell.
     reasons: Mapping[str, Reason]
 
 
@@ -184,7 +184,7 @@ class _Run:
         self.spent: dict[Cell, float] = {}
 
     def execute(self, only: Sequence[str], redo: bool, start: float) -> Report:
-        """Run all stages, and return the report; `start` is the time of the start of the run."""
+        """Run all stages, and return the report. The run started at the time `start`."""
         pairs = find_pairs(self.file, only)
         models = self.prepare_models(pairs)
         reader = InputReader(_find_device(self.workers, self.file.protocol.device))

@@ -27,7 +27,7 @@ STEPS: tuple[StepName, ...] = ("colors", "faces", "blending")
 
 @dataclass(frozen=True)
 class Split:
-    """The parts of the loss; all parts cover the same scenes and add up to `total`.
+    """The parts of the loss. All parts cover the same scenes, and their sum is `total`.
 
     Attributes
     ----------
@@ -52,8 +52,8 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
     """Return the parts of the loss in `metric` of a method on a dataset, or None without a bake.
 
     `results` contains the records by scene, then by condition. `scenes` are the expected scenes. The ceiling
-    is the bake with the best PSNR among the bakes that keep all triangles. The second bake is the best of the
-    bakes with new triangles.
+    is the bake with the best PSNR among the bakes that keep all triangles. The second bake has the best PSNR
+    among the bakes with new triangles.
     """
     expected = tuple(scenes)
     ceiling = _find_best_bake(results, expected, kept=True)
@@ -83,7 +83,7 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
     def gap(better: str, worse: str) -> Gap:
         return replace(gap_between(metric, results, over, better, worse)[0], expected=len(expected))
 
-    # If a bake is missing, one gap is computed for the two parts beside it.
+    # If a bake is missing, compute one gap for both parts that the bake would separate.
     steps: dict[StepName, Gap] = {}
     within: dict[StepName, StepName] = {}
     for (low, high), (better, worse) in pairs.items():

@@ -46,7 +46,7 @@ _MAX_PICTURE = 1 << 20
 # Date of every archive member: the earliest date that ZIP can store.
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _MEMBER = re.compile(r"submission\.json|records/\d{5}\.json|pictures/\d{4}\.jpg")
-# Marks a field that is published unchanged.
+# This marks a field that is published unchanged.
 _KEEP = object()
 
 
@@ -56,7 +56,7 @@ def _keep(*names: str) -> dict[str, Any]:
 
 
 class _Values(NamedTuple):
-    """A mapping with arbitrary keys. All its values have the same published fields."""
+    """A mapping with arbitrary keys. Each value of the mapping has the same published fields."""
 
     fields: Any
 
@@ -139,7 +139,7 @@ def _list_published_fields() -> dict[str, Any]:
 
 
 def _select(data: Any, fields: Any) -> Any:
-    """Return JSON data reduced to its published fields."""
+    """Return JSON data without the fields that are not published."""
     if data is None or fields is _KEEP:
         return data
     if isinstance(data, list):
@@ -152,7 +152,7 @@ def _select(data: Any, fields: Any) -> Any:
 
 
 class SubmittedImage(Record):
-    """An image in a submission. An image without a condition is the photograph."""
+    """An image in a submission. Photographs have no condition."""
 
     file: Name
     dataset: Name

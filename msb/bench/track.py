@@ -45,8 +45,8 @@ class Track(Record):
     # Peak of the memory summed over all GPUs, in bytes.
     peak_gpu_memory_bytes: Count | None
     # "processes" means the memory that NVML reports for the processes of the command. "device" means the
-    # memory growth of the whole device. This value is used if NVML cannot distinguish the processes of every
-    # GPU. The growth on the whole device includes other programs.
+    # growth of memory on the whole device. This value is used if NVML cannot distinguish the processes of
+    # every GPU. The growth on the whole device includes other programs.
     gpu_source: Literal["processes", "device"] | None
     # The reason that the peak GPU memory is unknown.
     gpu_reason: str | None
@@ -183,8 +183,8 @@ class _MemoryMonitor(threading.Thread):
 def _forward_signals() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
     """Forward signals to a child process. Pass the child process to the yielded function.
 
-    A signal that arrives before the child process is known is forwarded later. A signal that this process
-    ignores, for example under nohup, gets no handler, so that the child ignores it too.
+    A signal that arrives before the child process is known is forwarded later. If this process ignores a
+    signal, for example under nohup, the child process ignores it too.
     """
     children: list[subprocess.Popen[bytes]] = []
     early: list[int] = []

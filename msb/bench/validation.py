@@ -50,7 +50,7 @@ def read_json(path: str | os.PathLike[str], max_bytes: int) -> Any:
 
 
 def parse_json(data: bytes, max_bytes: int, *, file: object) -> Any:
-    """Return the JSON document in `data`, with the checks of `read_json`; errors name `file`."""
+    """Return the JSON document in `data`, checked as in `read_json`. Error messages name `file`."""
     about: dict[str, Any] = {"name": "the file", "error": InputError, "code": "RECORD_INVALID"}
     return parse_strict_json(data, file=file, max_bytes=max_bytes, **about)
 
@@ -63,7 +63,7 @@ def validate(model: type[ModelType], data: Any, *, file: object, code: str) -> M
     The error names the place of the first mistake as a JSON pointer, and the number of further mistakes.
     """
     try:
-        # Strict models accept a list as a tuple only when they read JSON.
+        # validate JSON text, because strict models accept lists as tuples only in JSON
         return model.model_validate_json(json.dumps(data, allow_nan=False))
     except (TypeError, ValueError) as error:
         if not isinstance(error, ValidationError):  # TOML allows dates and NaN, JSON does not
@@ -103,9 +103,9 @@ def _describe_unknown_key(model: type[BaseModel], place: tuple[str | int, ...]) 
 
 
 def _list_keys(model: type[BaseModel], place: tuple[str | int, ...]) -> list[str]:
-    """Return the keys that `model` allows at `place`.
+    """Return the keys that `model` allows at the location `place`.
 
-    The list is empty if the model at `place` is ambiguous.
+    If several models are possible at `place`, the list is empty.
     """
     current: Any = model
     for name in place:

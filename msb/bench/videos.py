@@ -48,7 +48,7 @@ class FilmTask:
 
     # Dataset and scene of the film. For the film of one method, the names also include the model.
     names: tuple[str, ...]
-    # One job for each condition of a film, or for each method of a grid, in display order.
+    # The jobs in display order: the conditions of a film, or the methods of a grid.
     jobs: tuple[Job, ...]
     options: VideosTable
     # The hash of all inputs of the film.
@@ -76,7 +76,7 @@ def plan_videos(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
     A flight shows only conditions that our renderers can draw. Official renderings and photographs exist only
     at the test views.
     """
-    # For each dataset, scene and model, collect the jobs whose conditions are shown in the film.
+    # Collect the jobs of the conditions that a film shows. The keys are dataset, scene and model.
     groups: dict[tuple[str, ...], list[Job]] = {}
     for job in jobs:
         is_rendered = job.cell.condition in ("dedicated", "standard")
@@ -249,7 +249,7 @@ def _render_flight(
 
 
 def _read_test_frames(task: FilmTask, names: Sequence[str]) -> Iterator[list[NDArray[Any]]]:
-    """Yield the stored images of the test views, each image for the same number of frames."""
+    """Yield the stored images of the test views. Each image is repeated for the same number of frames."""
     folders = [task.jobs[0].photographs, *(job.folder / "images" for job in task.jobs)]
     last, row = None, []
     for frame in range(task.options.frames):

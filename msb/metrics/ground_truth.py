@@ -30,8 +30,8 @@ def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
     Returns
     -------
     image : (H, W, 3) float32
-        RGB in [0, 1] at the size of the camera. If the rules round to 8 bits by floor(255 x + 0.5), values
-        are multiples of 1 / 255. Our rules round.
+        RGB in [0, 1] at the size of the camera. Our rules round floats to 8 bits by floor(255 x + 0.5), so
+        that values are multiples of 1 / 255.
 
     Raises
     ------
@@ -108,8 +108,8 @@ _TURNS: dict[int, Callable[[NDArray[np.uint8]], NDArray[np.uint8]]] = {
 def read_photograph_mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """Return the mask (H, W, 1) of a view, rotated and undistorted like its photograph of (H, W) = `shape`.
 
-    The mask is the first channel of the file. A view without a mask is opaque. A mask of another size is
-    resized in captures outside the benchmark.
+    The mask is the first channel of the file. A view without a mask is opaque. In captures outside the
+    benchmark, a mask of another size is resized.
     """
     path = scene.masks.get(str(camera.name))
     if path is None:

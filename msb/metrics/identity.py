@@ -14,7 +14,7 @@ from msb.errors import Finding
 # An image (H, W, 3) in [0, 1].
 Pixels = NDArray[np.float64]
 
-# Rounding of both images for every image metric; bytes are used unchanged.
+# Rounding rule for the floats of both images, used by every image metric. Bytes are not rounded.
 INPUT_RULE = "clamp to [0, 1], floor(255 x + 0.5) / 255"
 
 

@@ -182,7 +182,7 @@ def check_image(image: ArrayLike, name: str) -> NDArray[Any]:
 def _to_unit_range(array: NDArray[Any], quantize: bool) -> NDArray[np.float64]:
     """Return an image as values in [0, 1].
 
-    If `quantize` is true, floats are rounded to multiples of 1 / 255 in their own precision.
+    If `quantize` is true, floats are first rounded to multiples of 1 / 255.
     """
     if array.dtype != np.uint8:
         kind = array.dtype if array.dtype.itemsize >= 4 else np.dtype(np.float32)

@@ -33,7 +33,7 @@ class Variable:
     """An array in a MATLAB file; its values are not read yet."""
 
     name: str
-    # Values as stored, not checked.
+    # Values as stored, without a check.
     shape: tuple[int, ...]
     _body: memoryview
     _compressed: bool

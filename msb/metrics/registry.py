@@ -103,7 +103,7 @@ def _list_by_name() -> dict[str, Definition]:
     return {metric.name: metric for metric in (*IMAGE_METRICS.values(), CHAMFER)}
 
 
-# For every metric by name, whether "higher" or "lower" is better.
+# The better direction of every metric by name: "higher" or "lower".
 METRICS: Mapping[str, str] = Lazy(lambda: {name: metric.better for name, metric in _list_by_name().items()})
 
 

@@ -19,8 +19,8 @@ MAX_SAMPLES = 1 << 28
 _CANDIDATES = 1 << 20
 # Number of points in the first window of `thin`.
 _FIRST_WINDOW = 64
-# Maximum number of points in a window of `thin`, and maximum number of all their neighbours. A window with a
-# single point may have more neighbours.
+# Maximum number of points in a window of `thin`, and maximum number of all their neighbours. A window of one
+# point may have more neighbours than the maximum.
 _WINDOW = 1 << 16
 _NEIGHBORS = 1 << 22
 
@@ -98,7 +98,7 @@ def _place_grid_points(
 
     A position is the pair (c1, c2).
 
-    Candidates are numbered across all faces, so that a huge face is split into batches like many small faces.
+    Candidates are numbered across all faces. A huge face is therefore split into several batches.
     """
     ends = np.cumsum(candidates)
     total = int(ends[-1]) if len(ends) else 0

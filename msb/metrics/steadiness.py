@@ -39,7 +39,7 @@ class PreparedFrame:
         Coefficients of the image's cubic splines.
     inverse_depths : (3, H, W) float32
         Inverse depths of three surfaces: at the pixel itself, and the nearest and the farthest within
-        `REACH`. The value is 0 for background, where alpha is below 1/2.
+        `REACH`. For background pixels, where alpha is below 1/2, the value is 0.
     """
 
     camera: Camera
@@ -81,8 +81,8 @@ def unexplained_change(before: PreparedFrame, here: PreparedFrame, after: Prepar
     -----
     For a steady change, such as a view-dependent colour, the difference is 0: the frame equals the average of
     its neighbours. A pixel near a border shows two surfaces that move differently. Each pixel is therefore
-    followed with three depths: its own depth, and the nearest and farthest depth within `REACH`. The smallest
-    difference is used.
+    followed with three depths: its own depth, and the nearest and farthest depth within `REACH`. The result
+    is the smallest difference.
     """
     inverse, nearest, farthest = here.inverse_depths
     # Find the N pixels within `REACH` of the model, and whether each pixel is near a border between surfaces.
@@ -92,8 +92,8 @@ def unexplained_change(before: PreparedFrame, here: PreparedFrame, after: Prepar
     counted = np.ones(len(rows), bool)
     border = (nearest - farthest > SAME * nearest)[rows, columns]
     for layer, inverse_depths in enumerate((inverse, nearest, farthest)):
-        # Project the pixels into both adjacent frames at the depths of this layer. `same` marks pixels whose
-        # surface is visible in both frames.
+        # Project the pixels into both adjacent frames, with the depths of one of the three surfaces. `same`
+        # marks pixels whose surface is visible in both frames.
         same = np.ones(len(rows), bool)
         places = []
         for other in (before, after):
@@ -106,7 +106,7 @@ def unexplained_change(before: PreparedFrame, here: PreparedFrame, after: Prepar
             _sample_colors(other, place[:, followed])
             for other, place in zip((before, after), places, strict=True)
         ]
-        # Compare with the average of both frames, and keep the smallest difference.
+        # Compute the difference from the average of both frames. Keep the smallest difference of all layers.
         squares = np.square(colors[:, followed] - (both[0] + both[1]) / 2).mean(axis=0)
         least[followed] = np.minimum(least[followed], squares)
     change = np.full(inverse.shape, np.nan, np.float32)
@@ -197,6 +197,6 @@ def find_holes(frame: PreparedFrame, points: NDArray[np.float64]) -> Mask:
     sizes = np.bincount(regions.ravel(), minlength=count + 1)
     specks = (sizes <= (2 * REACH + 1) ** 2)[regions[1:-1, 1:-1]]
     dilated = maximum_filter(hit, 3, mode="constant", cval=False)
-    # Pixels beyond the image edge are unknown. They are treated as not hit.
+    # Nothing is known about pixels beyond the image edge. Treat such pixels as not hit.
     around = minimum_filter(dilated, 5, mode="constant", cval=False)
     return np.asarray(~covered & (specks | around))

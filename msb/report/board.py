@@ -1,4 +1,4 @@
-"""The board: one table of results from many submissions. Every row of the board names its origin."""
+"""The board: one table of results from many submissions. The board names the origin of every row."""
 
 import io
 import unicodedata
@@ -59,7 +59,7 @@ RowKey = tuple[str, str, str, str]
 class Board(Report):
     """A report with one table of many submissions.
 
-    `submissions` contains pairs: a unique name, and a submission.
+    `submissions` contains pairs of a unique name and a submission.
     """
 
     submissions: tuple[tuple[str, Submission], ...] = ()
@@ -175,7 +175,7 @@ def _name_submissions(submissions: Sequence[Submission]) -> list[str]:
 def _plain_name(submission: Submission) -> str:
     """Return the submitter's name on one line.
 
-    For a name without visible letters, return digits of the hash.
+    If the name has no visible letters, return digits of the submission's hash.
     """
     name = plain_text(submission.about.name).strip()
     return name if _visible_form(name) else submission.sha256[:_HASH_DIGITS]
@@ -192,8 +192,8 @@ def _visible_form(name: str) -> str:
 def _results_table(results: Mapping[str, ResultSet], numbers: Mapping[str, Numbers], paper: Numbers) -> Table:
     """Return a row per scene, method, condition and submitter.
 
-    Pass the results and numbers of each submitter, by the submitter's name. The mesh metrics of a model are
-    repeated in all its rows.
+    `results` and `numbers` contain the results and numbers of each submitter, by name. The mesh metrics of a
+    model are repeated in all its rows.
     """
     metrics = [*QUALITY, *_METRICS]
     rows = []
@@ -269,7 +269,7 @@ def _group_records(results: ResultSet) -> dict[RowKey, list[Result]]:
 
 
 def _without_reason(cell: TableCell) -> TableCell:
-    """Return an empty table cell without its reason, because most rows of a board have many empty cells."""
+    """Return a table cell. If it is empty, omit its reason, because most cells of a board are empty."""
     return cell if cell.value is not None else replace(cell, reason=None, notes=())
 
 

@@ -125,7 +125,7 @@ def build_report(
     numbers = collect(results)
     comparisons = [] if against is None else compare_methods(results, numbers, against)
     paper = paper_numbers() if with_paper else Numbers({}, of_paper=True)
-    # Without common scenes, the paper's numbers for a dataset cannot be compared, so remove them.
+    # If a dataset has a published name but other scenes, remove the paper's numbers for the dataset.
     others = [dataset for dataset in numbers.datasets() if numbers.has_other_scenes(dataset)]
     paper = _drop_datasets(paper, others)
     if published:
@@ -154,7 +154,7 @@ def build_report(
 
 
 def paper_report(*, pictures: bool = True) -> Report:
-    """Return the paper's own tables, built from its numbers by the builders of our tables."""
+    """Return a report on the paper's own numbers, with the tables that we also build for our results."""
     numbers = paper_numbers()
     tables = [
         replace(build(paper_numbers(label), *filter(None, [dataset])), label=label)
@@ -194,7 +194,7 @@ def _with_contradictions(*tables: Table) -> tuple[Table, ...]:
 def _with_paper_notes(table: Table) -> Table:
     """Return one of our tables.
 
-    If the table prints the paper's numbers, notes on contradictions in the paper are added.
+    Add notes on contradictions in the paper if the table prints numbers of the paper.
     """
     has_columns = any(SOURCES["meshsplatbench"] in column.groups for column in table.columns)
     if not has_columns and not any(row.paper for row in table.rows):

@@ -42,7 +42,7 @@ from msb.report.numbers import (
 from msb.report.results import Place, ResultSet
 from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED, UNSTEADY
 
-# Metrics of each kind of condition: timing, the walk beyond the captured views, and all other image metrics.
+# Metrics of rendered conditions: timing, the walk beyond the captured views, and other metrics.
 _TIMING = ("fps", "p50_ms", "p95_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
 WALK = ("flicker", "flicker_worst", "holes")
 _DRAWN = (*_TIMING, *WALK, "memory", "driver_memory", "asset_size")
@@ -50,7 +50,7 @@ _DRAWN = (*_TIMING, *WALK, "memory", "driver_memory", "asset_size")
 _OF_MESH, _OF_BAKE = ("faces", "tasks"), ("psnr_16", "bake_seconds")
 # Metrics that are computed from the frame rate.
 _RATES = ("fps", "host_ms")
-# For each metric, the key of `Result.reasons` with the reason for a missing value.
+# For each metric, the key in `Result.reasons` of the reason for a missing value.
 _REASON_KEYS = {
     **dict.fromkeys((*_TIMING, "memory", "driver_memory"), "timing"),
     **dict.fromkeys(WALK, "walk"),
@@ -104,8 +104,8 @@ def collect(results: ResultSet) -> Numbers:
         renderers = drawn_by[dataset] = _find_renderers(of_places)
         conditions_of = _list_conditions(of_places)
         for method in _sort_names(conditions_of, METHODS):
-            # Collect the records of this method, by scene and condition. A scene without records has an empty
-            # dictionary.
+            # Collect the records of this method, by scene and condition. For a scene without records, the
+            # dictionary is empty.
             of_scenes = {scene: of_places.get(Place(dataset, scene, method), {}) for scene in scenes}
             conditions = conditions_of[method]
             # Add values of single scenes and averages: first for the conditions, then for the trained model.
@@ -195,7 +195,7 @@ def _why_unsupported(method: str, condition: str) -> str | None:
 
 
 def _metrics_of(condition: str) -> tuple[str, ...]:
-    """Return the metrics of a condition, except metrics of the trained model."""
+    """Return the names of all metrics of a condition, except metrics of the trained model."""
     metrics = (*AUDITED, *_OF_MESH) if condition == "exported_mesh" else (*QUALITY, *_DRAWN)
     return (*metrics, *_OF_MESH, *_OF_BAKE) if condition.startswith(f"{BAKED}/") else metrics
 
@@ -240,7 +240,7 @@ def _add_condition(
 def _floor_number(metric: str, result: Result | None, number: Number) -> Number:
     """Return the cost of a single triangle.
 
-    If the cost of the mesh is missing, the result is `number` itself.
+    If `number` has no value, return `number`.
     """
     if number.value is None:
         return number
@@ -251,7 +251,10 @@ def _floor_number(metric: str, result: Result | None, number: Number) -> Number:
 
 
 def _with_interval(number: Number, keys: Sequence[Key], views: Mapping[Key, Mapping[str, float]]) -> Number:
-    """Add the confidence interval of the mean over the views at `keys` to `number`, without a p value."""
+    """Add a confidence interval to `number`, without a p value.
+
+    The interval is that of the mean over the views at `keys`.
+    """
     if number.value is None or keys[0].metric not in QUALITY:
         return number
     mean = interval([list(views[key].values()) for key in keys if key in views])
@@ -261,7 +264,7 @@ def _with_interval(number: Number, keys: Sequence[Key], views: Mapping[Key, Mapp
 def _find_asset_record(conditions: Mapping[str, Result], metric: str) -> Result | None:
     """Return a record with a value of a metric of the trained model.
 
-    Without such a record, return a record with a reason.
+    If no such record exists, return a record that explains the missing value.
     """
     for result in conditions.values():
         if METRICS[metric].get(result) is not None:

@@ -21,8 +21,8 @@ from msb.report.results import LoadedResult, Place, ResultSet
 from msb.report.safe_names import plain_text, slug
 
 GROUND_TRUTH = "Ground truth"
-# Maximum width of the images in pixels, and JPEG quality. With these values, a page with tens of images takes
-# a few megabytes.
+# Maximum width of the images in pixels, and JPEG quality. A page with tens of such images takes a few
+# megabytes.
 _WIDTH = 480
 _QUALITY = 85
 # Images above 64 megapixels are not opened, because a record can claim any size.
@@ -116,7 +116,7 @@ def select_views(
     chosen : sequence of str
         "SCENE/IMAGE", as in the records.
     """
-    # For every view with renderings of two conditions, collect the PSNR loss in dB, the asset and the view.
+    # For every view, collect the PSNR loss in dB between two conditions, the asset and the view.
     losses = [(loss, place, view) for place in places for view, loss in _find_losses(results, place).items()]
     selected: dict[tuple[str, str], str] = {}
     if losses:

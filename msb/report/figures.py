@@ -94,7 +94,7 @@ class Figure:
 
 
 def make_figures(numbers: Numbers, paper: Numbers | None = None) -> list[Figure]:
-    """Return all charts that have numbers."""
+    """Return the charts of all datasets. Charts without numbers are omitted."""
     charts = []
     for dataset in numbers.datasets():
         charts += [plot_deployment_gap(numbers, dataset), plot_loss_split(numbers, dataset)]
@@ -150,7 +150,7 @@ def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
 def _condition_means(numbers: Numbers, dataset: str, method: str, dedicated: str) -> list[tuple[int, float]]:
     """Return pairs (condition number, mean PSNR in dB).
 
-    The means are over the scenes that all conditions have.
+    The means are averages over the scenes that all conditions have.
 
     Two points can be compared only if both means are over the same scenes. The paper prints only means, so
     its numbers are used unchanged.

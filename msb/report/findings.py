@@ -56,7 +56,7 @@ _GAPS: dict[GapName, str] = {"adapt": "adaptation", "port": "portability", "depl
 
 @dataclass(frozen=True)
 class Finding:
-    """One or more sentences. `kind` is their topic, and `table` the label of the table with the numbers."""
+    """One or more sentences. `kind` is the topic, and `table` is the label of the table with the numbers."""
 
     kind: str
     sentence: str
@@ -230,7 +230,7 @@ def _describe_gap(gap: Gap, signed: float, ends: tuple[float, float]) -> str:
 
 
 def _split_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the parts of the largest loss from Dedicated to Standard, and the share that bakes recover."""
+    """Yield the parts of the largest loss from Dedicated to Standard, and the loss that bakes recover."""
     cases = []
     for key, split in numbers.splits.items():
         steps = {name: gap.signed for name, gap in split.steps.items() if gap.signed is not None}
@@ -314,8 +314,8 @@ def _describe_not_monotone(
     def excess(place: tuple[str, str, str]) -> float:
         return broken[place][0][1].triangle_excess or 0.0
 
-    # The sentence describes the first metric of the case with the largest excess. Other cases are only named
-    # in the sentence.
+    # The sentence describes the first metric of the case with the largest excess. All other cases are only
+    # named.
     first, *others = sorted(broken, key=excess, reverse=True)
     (dataset, method, dedicated), cases = first, broken[first]
     title, (key, gaps) = _format_condition(dedicated), cases[0]
@@ -369,7 +369,7 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
                 moved |= {first, second}
         if changes:
             pairs = "; ".join(f"{join_words(names)} ({result})" for result, names in changes.items())
-            # Conditions with equal rankings share an entry.
+            # collect conditions with equal rankings
             orders: dict[str, list[str]] = {}
             for condition in filter(moved.__contains__, conditions):
                 order = format_ranking(rank_methods(numbers, dataset, condition, "psnr"))

@@ -24,7 +24,7 @@ from msb.report.numbers import (
 )
 from msb.report.table import Table, TableCell, TableColumn, TableRow
 
-# Final label of the paper's rows.
+# Last label of each row with numbers of the paper.
 PAPER_ROW = "in the paper"
 
 
@@ -117,8 +117,8 @@ def make_table(
     grid = [(spec, [Key(**{**of, **column.of, **spec.of}) for column in columns]) for spec in row_specs]
     rows = _make_rows(numbers, grid, best_of)
     if paper is not None:
-        # Insert the paper's rows from the last to the first. In this order, inserted rows do not move the
-        # remaining positions.
+        # Insert the paper's rows from the last to the first. Inserting a row then does not change the
+        # positions of the rows before it.
         known = [n for n, (_, keys) in enumerate(grid) if any(paper.value(key) is not None for key in keys)]
         paper_rows = _make_rows(paper, [grid[n] for n in known], best_of)
         for n, row in reversed(list(zip(known, paper_rows, strict=True))):

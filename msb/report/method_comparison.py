@@ -91,7 +91,7 @@ def _compute_gap(results: ResultSet, numbers: Numbers, key: Key, other: str) -> 
 
 def comparison_table(comparisons: list[Comparison], numbers: Numbers, other: str) -> Table:
     """Return the table with a row per comparison."""
-    # The p value of each comparison by its number. Comparisons without a test are not adjusted.
+    # Collect the p values of all comparisons with a test. Comparisons without a test are not adjusted.
     p = {
         n: interval.p
         for n, comparison in enumerate(comparisons)
@@ -162,8 +162,8 @@ def _describe(comparison: Comparison, other: str) -> str:
         lead = f"{method} {'leads' if better else 'trails'} {other} by {amount} dB"
     parts = []
     if interval.ends is not None:
-        # The printed difference is always positive. Therefore negate the interval if the other method is
-        # better.
+        # The printed difference is the absolute value. If the other method is better, the interval is
+        # negated.
         low, high = interval.ends if better else (-interval.ends[1], -interval.ends[0])
         parts.append(f"95 % CI {format_digits(low, 2)} to {format_digits(high, 2)}")
     if interval.p is None:
@@ -198,8 +198,8 @@ def _make_cells(
 def adjust_by_holm(p: list[float]) -> list[float]:
     """Return p values adjusted for multiple tests by Holm's method.
 
-    The smallest of n values is multiplied by n, the next by n - 1, and so on. No adjusted value is smaller
-    than the value before it.
+    The smallest of n values is multiplied by n, the next by n - 1, and so on. An adjusted value is at least
+    as large as the value before it.
     """
     # Visit the p values in ascending order; `least` is the previous adjusted value.
     adjusted, least = dict.fromkeys(range(len(p)), 0.0), 0.0

@@ -5,8 +5,8 @@ from decimal import ROUND_HALF_UP, Decimal
 from msb.bench.aggregate import METRICS
 from msb.topology.metric_text import format_count, format_metric
 
-# Pairs (limit, decimals) by unit. A printed value below the limit gets this number of decimals. With the
-# usual decimals, a small value such as 0.04 MiB would be printed as 0.
+# For each unit, pairs of a limit and a number of decimals. A printed value below the limit gets this number
+# of decimals. With the usual decimals, a small value such as 0.04 MiB would be printed as 0.
 _SMALL_VALUE_DECIMALS = {"MiB": ((0.1, 2), (10.0, 1)), "min": ((1.0, 2),)}
 # Metrics that are counts. A mean of counts over scenes may be a fraction.
 _COUNTS = ("components", "faces", "tasks")
@@ -62,8 +62,8 @@ def format_change(change: float, ends: tuple[float, float], decimals: int) -> tu
 
     Decimals are added until the printed ends differ by the printed change.
 
-    If the change is not the difference of the ends, the ends may be means over other scenes. The change and
-    the ends then get `decimals` decimals.
+    If the printed ends cannot differ by the change, they may be means over other scenes. The change and the
+    ends then get `decimals` decimals.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def format_change(change: float, ends: tuple[float, float], decimals: int) -> tu
 
 
 def choose_decimals(metric: str, printed: float) -> int:
-    """Return the number of decimals for the value `printed`, given in the printed unit."""
+    """Return the number of decimals for the value `printed` in the printed unit."""
     if metric in _COUNTS and printed < 100 and printed != int(printed):
         return 1
     unit = METRICS[metric].unit

@@ -134,7 +134,7 @@ class SplitKey(NamedTuple):
 
 
 class RatioKey(NamedTuple):
-    """The key of a ratio of frame rates: the averages of two conditions on a dataset."""
+    """The key of a ratio of frame rates between two conditions on a dataset."""
 
     dataset: str
     method: str
@@ -224,15 +224,15 @@ class Numbers:
         return sorted(conditions, key=condition_order)
 
     def variants(self, dataset: str, condition: str) -> list[str]:
-        """Return the variants of "dedicated", the engines of "standard", or the bakes of "baked"."""
+        """Return all variants of "dedicated", all engines of "standard", or all bakes of "baked"."""
         return select_variants(self.conditions(dataset), condition)
 
     def gap_pairs(self, dataset: str) -> list[tuple[str, str]]:
-        """Return the pairs (standard, dedicated) of conditions between which gaps are computed."""
+        """Return all pairs of conditions (standard, dedicated) for quality gaps."""
         return list_gap_pairs(self.conditions(dataset), self.drawn_by.get(dataset, {}))
 
     def ratio_pairs(self, dataset: str) -> list[tuple[str, str]]:
-        """Return the pairs (standard, dedicated) of conditions whose frame rates are compared."""
+        """Return all pairs of conditions (standard, dedicated) for ratios of frame rates."""
         return list_ratio_pairs(self.conditions(dataset), self.drawn_by.get(dataset, {}))
 
     @cached_property
@@ -265,7 +265,7 @@ def select_variants(conditions: Iterable[str], condition: str) -> list[str]:
 
 
 def list_gap_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
-    """Return the pairs (standard, dedicated) of conditions between which gaps are computed.
+    """Return all pairs of conditions (standard, dedicated) for quality gaps.
 
     The two tiers form a pair, and so do Standard and each variant of Dedicated. Each engine and each bake is
     paired with Dedicated. If an engine draws both tiers, its two conditions also form a pair.
@@ -281,11 +281,11 @@ def list_gap_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> li
 
 
 def list_ratio_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
-    """Return the pairs (standard, dedicated) of conditions whose frame rates are compared.
+    """Return all pairs of conditions (standard, dedicated) for ratios of frame rates.
 
-    Dedicated and each of its variants are paired with Standard in the same engine. If no engine draws both
-    tiers, Dedicated and its variants are paired with the standard tier. Frame rates of two engines are not
-    compared, because they may be measured on different devices.
+    For an engine that draws both tiers, Dedicated and its variants are paired with Standard of the same
+    engine. If no engine draws both tiers, Dedicated and its variants are paired with the standard tier. Frame
+    rates of two engines are not compared, because they may be measured on different devices.
     """
     engines = {drawn_by.get(name): name for name in select_variants(conditions, "standard")}
     dedicated = ("dedicated", *select_variants(conditions, "dedicated"))

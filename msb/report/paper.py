@@ -28,7 +28,7 @@ from msb.report.numbers import (
 )
 from msb.report.table import NOT_AVAILABLE
 
-# The numeric tables by the paper's labels. Features of methods are read from `msb.registry` and not from the
+# Labels of the paper's tables with numbers. Features of methods are read from `msb.registry` and not from the
 # paper.
 PAPER_TABLES = (
     "native_summary",
@@ -42,8 +42,8 @@ PAPER_TABLES = (
     "reproducibility_comparison",
 )
 
-# Our name of each method, by the paper's name. In the reversed order, methods of the paper replace methods of
-# other packages with the same name.
+# Our name of each method, by the paper's name. Built-in methods are stored last, so they replace methods of
+# other packages with the same paper name.
 OUR_METHODS = {method.paper_name: name for name, method in reversed([*METHODS.items()]) if method.paper_name}
 # Our metric name (a key of `msb.bench.aggregate.METRICS`), by the paper's name, if the names differ.
 _OUR_METRICS = {
@@ -105,8 +105,8 @@ class _PublishedTable(BaseModel):
 def paper_numbers(*tables: str) -> Numbers:
     """Return the numbers of the paper's tables in the paper's order.
 
-    `tables` are labels; by default all tables are read. If two tables disagree, both numbers are kept under
-    different values of `Key.source`.
+    `tables` are labels; by default all tables are read. If two tables contain different numbers for one key,
+    both numbers are kept under different values of `Key.source`.
     """
     values: dict[Key, Number] = {}
     for label in tables or PAPER_TABLES:
@@ -121,7 +121,7 @@ def paper_numbers(*tables: str) -> Numbers:
 
 
 def paper_row(table: str, **where: str) -> dict[str, float]:
-    """Return the printed values by metric of one row of a paper table, selected by `where`.
+    """Return the printed values of one row of a paper table, by metric. The fields in `where` select the row.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def as_in_paper(method: Method) -> Method:
 
 
 def _add_notes(key: Key, number: Number) -> Number:
-    """Return a number of the paper with notes that explain why it cannot be compared with ours."""
+    """Add notes to a number of the paper that explain why our numbers are not comparable."""
     if number.value is None:
         if key.source != "paper" or number.absent != NOT_AVAILABLE:
             return number

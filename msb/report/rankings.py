@@ -46,8 +46,8 @@ def find_swaps(
 ) -> list[tuple[str, str]]:
     """Return the pairs of methods whose order differs between two rankings.
 
-    The two methods must differ by at least the last printed digit in both rankings. `before` is a ranking by
-    `metric`, and `after` a ranking by `after_metric`.
+    The two methods must differ by at least the last printed digit in both rankings. The metric of the ranking
+    `before` is `metric`, and the metric of the ranking `after` is `after_metric`.
     """
     values = dict(after)
     return [
@@ -62,7 +62,7 @@ def find_most_certain_swap(
 ) -> Interval:
     """Return the t test of the most significant swap among `swaps`.
 
-    A swap is a pair of methods that change their order.
+    In a swap, two methods have one order in the first condition and the other order in the second condition.
 
     The difference between the methods of a swap is tested under both conditions. The p value of a swap is the
     larger p value of both tests. The swap with the smallest p value is returned.

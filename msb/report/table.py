@@ -148,7 +148,10 @@ class Table:
         return max((len(column.groups) for column in self.columns), default=0)
 
     def spans(self, level: int) -> list[tuple[str, int]]:
-        """Return the headings of a level from left to right, each with its number of columns."""
+        """Return the headings of a level from left to right.
+
+        Each heading has the number of columns below it.
+        """
         # Do not merge equal headings that are below different headings.
         paths = (column.groups[: level + 1] if level < len(column.groups) else () for column in self.columns)
         return [(path[-1] if path else "", len(list(columns))) for path, columns in groupby(paths)]
@@ -167,7 +170,7 @@ class Table:
     def sortable(self, column: int) -> bool:
         """Return whether rows can be sorted by a column.
 
-        The cells of the column must have one metric in each block of rows.
+        In each block of rows, all cells of the column must belong to one metric.
         """
         blocks = [[row.cells[column] for row in rows if not row.paper] for _, rows in self.blocks()]
         several = any(sum(cell.number is not None for cell in cells) > 1 for cells in blocks)

@@ -77,7 +77,9 @@ class Verdict:
         return f"{method_title(method)} on {scene_title(scene)} ({dataset_title(dataset)})"
 
     def marks(self) -> list[tuple[Mark, list[str]]]:
-        """Return the uses by mark, the worst mark first; ["all"] if all uses have the same mark.
+        """Return each mark with its uses, the worst mark first.
+
+        If all uses have the same mark, return ["all"].
 
         Uses without a mark (notes) are left out.
         """
@@ -141,7 +143,8 @@ def _judge_appearance(
             return Statement("NO", use, f"Not supported: {reason}.")
         return Statement("UNKNOWN", use, f"{_capitalize(reason)}.")
 
-    # Find the reference renderings. Native renderings are preferred; Standard may be compared with Dedicated.
+    # Find the reference renderings. Use native renderings if possible. Compare Standard with Dedicated
+    # otherwise.
     tier = "dedicated" if condition.startswith("dedicated") else "standard"
     gaps = numbers.gaps.get(GapKey(*place, "psnr", **{tier: condition}))
     gap = None if gaps is None else gaps["deploy" if tier == "standard" else "adapt"]

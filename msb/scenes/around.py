@@ -26,13 +26,13 @@ _LEAST = 0.02
 # Largest number of faces that are examined. From a larger asset, a sample of faces is used, so a surface of
 # few faces may be missed.
 _SAMPLES = 200_000
-# `is_surrounded` returns True if the ratio of two distances is above this value. In tests, the ratio was 4 to
-# 6 for captures with a background, and 0.7 to 1.5 for objects and empty rooms.
+# Minimum ratio of two distances for which `is_surrounded` returns True. In tests, the ratio was 4 to 6 for
+# captures with a background, and 0.7 to 1.5 for objects and empty rooms.
 _SURROUNDED = 2.5
 # Ratio between the distance of a turntable camera and the distance at which the bounding sphere fills the
 # image.
 _MARGIN = 1.05
-# Largest aspect ratio of an image that shows a box, and the size of the image relative to the box.
+# Largest aspect ratio of images of a box, and ratio between the size of the image and the size of the box.
 _MAX_RATIO, _BOX_MARGIN = 2.0, 1.1
 # Default elevation of a turntable's cameras above the horizon, in degrees.
 ELEVATION = 20.0
@@ -80,7 +80,7 @@ def make_rings(
     pixels: int,
     up: str | None = None,
 ) -> list[Camera]:
-    """Return rings of cameras whose images are filled by the framed box.
+    """Return rings of cameras. The framed box fills the image of each camera.
 
     `rings` lists the elevation in degrees and the number of cameras of each ring. Images have about `pixels`
     pixels and the aspect ratio of the box.
@@ -157,9 +157,9 @@ def place_inside(
 ) -> list[Camera]:
     """Return cameras inside an asset, halfway between its middle and the surrounding faces.
 
-    The cameras `outside` look at the framed part of the asset. Each camera in `outside` gives one inner
-    camera on the same side with the same image size. Each inner camera looks through the middle to the
-    opposite side. The result is empty if most of the asset is flat.
+    The cameras `outside` look at the framed part of the asset. For each camera in `outside`, the result has a
+    camera on the same side and with the same image size. Each inner camera looks through the middle to the
+    opposite side. If most of the asset is flat, the result is empty.
     """
     low, middle, high = bulk.low, bulk.middle, bulk.high
     if not (low < middle).all() or not (middle < high).all():
@@ -167,8 +167,8 @@ def place_inside(
     vector = _vector(up or up_axis(asset))
     cameras, origin = [], np.asarray(asset.manifest.origin)
     for camera in outside:
-        # Cast a ray from the middle along `away`. Compute the point where the ray leaves the box around most
-        # faces, for each axis.
+        # Follow the ray from the middle in the direction `away`. Compute the point where the ray leaves the
+        # box around most faces, for each axis.
         away = camera.relative_to(origin).center - framing.center
         reach = np.where(away > 0, high - middle, middle - low) / np.maximum(np.abs(away), 1e-300)
         eye = middle + 0.5 * reach.min() * away
@@ -181,15 +181,15 @@ def place_inside(
 def is_surrounded(bulk: Bulk) -> bool:
     """Return whether a few large faces surround many small faces, like walls or hills in a capture.
 
-    Large surrounding faces move the area's median far from the middle, but they hardly move the faces'
-    median.
+    Large surrounding faces affect the area-weighted median of the distance, but hardly the median over the
+    faces.
     """
     middles = bulk.corners.mean(axis=1)
     kept = ((bulk.low <= middles) & (middles <= bulk.high)).all(axis=1)
     sides = bulk.corners[kept, 1:] - bulk.corners[kept, :1]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     away = np.linalg.norm(middles[kept] - bulk.middle, axis=1)
-    # Compute two medians of the distance from the middle: weighted by area, and over the faces.
+    # Compute the median distance from the middle, once weighted by area and once over the faces.
     order = np.argsort(away)
     total = np.cumsum(area[order])
     if not total.size or not np.isfinite(total[-1]):

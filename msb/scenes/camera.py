@@ -46,8 +46,8 @@ class Camera:
         Principal point in pixels; (width / 2, height / 2) is the centre.
     world_to_camera : (4, 4) array_like
         The matrix W for column vectors, stored as a read-only float64 copy. The rotation must be orthonormal
-        to 2e-4 with determinant +1, and the last row 0 0 0 1. A rotation with a larger error than 1e-4 is
-        replaced by the nearest rotation.
+        to 2e-4 with determinant +1, and the last row must be 0 0 0 1. A rotation with a larger error than
+        1e-4 is replaced by the nearest rotation.
     name : str, optional
         A relative path with forward slashes, usually the image's file name below its folder.
     image_path : Path, optional

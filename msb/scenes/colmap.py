@@ -38,7 +38,7 @@ def find_model(folder: Path) -> Path | None:
 
     The folder itself is searched first, then the numbered models in `sparse`, and then `sparse`. The numbered
     model with the most images is used. COLMAP numbers the models in `sparse`: 0, 1, ... If several models
-    have the most images, the lowest number is used.
+    have the same number of images, the model with the lowest number is used.
     """
     if _is_model(folder):
         return folder

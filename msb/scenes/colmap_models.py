@@ -48,7 +48,10 @@ MODEL_NAMES = {model.number: name for name, model in MODELS.items()}
 
 
 def model_parameters(name: str | None, given: str) -> int:
-    """Return the number of parameters of model `name`; `given` is its spelling in the file."""
+    """Return the number of parameters of the camera model `name`.
+
+    Errors quote `given`, its spelling in the file.
+    """
     if name not in MODELS:
         text = (
             f"the camera model {shorten(given, 40)} is not a known lens (pinhole, radial, OpenCV, fisheye, "

@@ -18,8 +18,8 @@ NAMED = {"black": BLACK, "white": WHITE}
 def parse_color(text: str, official: object = None) -> Color | None:
     """Return the colour that `text` describes, or None if the text is invalid.
 
-    Valid texts are black, white, #rrggbb, r,g,b in 0..1, and "official". The text "official" gives the colour
-    `official`.
+    Valid texts are black, white, #rrggbb, r,g,b in 0..1, and "official". For "official", the result is the
+    argument `official`.
     """
     word = text.strip().lower()
     if word == "official":

@@ -7,8 +7,8 @@ from the object, so the opacity per volume is compared instead of distances.
 import numpy as np
 from numpy.typing import NDArray
 
-# Share of the opacity ignored at each end of an axis when the range is measured. The opacity grid extends
-# beyond the measured range by twice the range's length on each side.
+# Share of the opacity ignored at each end of an axis when the range is measured. The opacity grid is five
+# times as long as the measured range, with the range in its middle.
 _TAIL = 0.02
 # Number of grid cells along the longest side of the measured range.
 _CELLS = 32
@@ -59,7 +59,7 @@ def find_dense(points: NDArray[np.floating], weight: NDArray[np.floating]) -> ND
 
 
 def _keep_large_parts(dense: NDArray[np.bool_], mass: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return the dense grid cells whose part has enough opacity.
+    """Return the dense grid cells, without the cells of small parts.
 
     Cells of one dense part may be separated by gaps of two cells.
     """

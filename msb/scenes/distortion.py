@@ -149,5 +149,5 @@ DISTORTIONS: dict[str, Callable[[Array, Array, Sequence[float]], tuple[Array, Ar
     "DIVISION": _distort_division,
     "EUCM": _distort_eucm,
 }
-# Models that bend straight lines for every value of their coefficients.
+# These models distort the image even if all their coefficients are zero.
 _CURVED = {name for name in DISTORTIONS if "FISHEYE" in name}

@@ -17,7 +17,7 @@ from msb.scenes.dense import find_dense
 # A mesh must cover at least this share of the pixels of its views. Views with less coverage are not used to
 # judge the mesh. At 1 % coverage, the PSNR of the whole image is 20 dB above the PSNR of the covered pixels.
 MIN_COVERAGE = 0.01
-# Faces are isolated if all other faces are at most half as far from the middle. With such faces in the image,
+# Faces are isolated if all other faces are at most half as far from the middle. If isolated faces were shown,
 # all other faces would have only a quarter of their pixels.
 _ISOLATED = 2.0
 # Maximum share of isolated faces among all faces, and maximum share of their area, for leaving them out.
@@ -25,7 +25,7 @@ _FEW_FACES, _LITTLE_AREA = 0.1, 0.01
 # If the remaining faces would cover too few pixels, up to this share of isolated faces is left out,
 # regardless of their area.
 _STRAY_FACES = 0.01
-# Minimum share of the faces, or of the area, in the dense part of a mesh.
+# Minimum share of the faces or of the area in the dense part of a mesh.
 _DENSE = 0.9
 # Factor that estimates the share of covered pixels from the area of a mesh divided by its squared radius. On
 # a 4:3 turntable, the measured factor was 0.042 for a sphere and 0.058 for a disc.
@@ -40,11 +40,12 @@ _SAMPLES = 200_000
 
 @dataclass(frozen=True, eq=False)
 class Framing:
-    """The sphere that generated views frame, relative to the asset's origin, and the faces inside it.
+    """A sphere that fills the images of generated views, and the faces inside the sphere.
 
     Attributes
     ----------
     center : (3,) floats
+        The centre relative to the asset's origin.
     radius : float
         For an asset without outliers, this is the radius of its bounding sphere.
     framed : (F,) mask, or None
@@ -63,7 +64,9 @@ class Framing:
 
     @property
     def note(self) -> str:
-        """A text about faces that the generated views leave out. The text is appended to a sentence.
+        """A text about the faces that generated views leave out.
+
+        The text continues a sentence about generated views.
 
         The text is "" if no faces are left out.
         """
@@ -166,7 +169,9 @@ def _drop_isolated(
 
 
 def _find_dense(far: NDArray[np.float64], area: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return a mask (n,) of the faces in the dense part. All faces are returned if they cover enough pixels.
+    """Return a mask (n,) of the faces in the dense part.
+
+    If all faces cover enough pixels, the mask contains all faces.
 
     If no dense part covers enough pixels, the mask contains all faces.
     """

@@ -22,8 +22,8 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".avif", ".
 # Number of bytes searched for an image header. Colour profiles, thumbnails and depth maps before the header
 # take a few MiB.
 _MOST_BYTES = 1 << 23
-# Signatures of formats with an image header anywhere in the file. The signature of TIFF and WebP is at byte 0,
-# the signature of AVIF and HEIC at byte 4.
+# Signatures of formats with an image header anywhere in the file. The signature of TIFF and WebP is at byte
+# 0, the signature of AVIF and HEIC at byte 4.
 _SCATTERED = (b"II*\0", b"MM\0*", b"RIFF")
 _BOX = b"ftyp"
 _HEIC = (b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1")
@@ -42,7 +42,7 @@ class ImageHeader:
 
     @property
     def has_alpha(self) -> bool:
-        """Whether the image has an alpha channel; a transparent palette colour does not count."""
+        """Whether the image has an alpha channel. Transparent palette colours are no alpha channel."""
         return self.mode in ("LA", "RGBA")
 
 

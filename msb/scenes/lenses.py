@@ -68,7 +68,7 @@ def _fit_size(
         x, y = distortion.apply(u / fx, v / fy)
         x, y = x * fx + cx, y * fy + cy
         is_inside = (x >= 0.5) & (x <= width - 0.5) & (y >= 0.5) & (y <= height - 0.5)
-        # Neighbouring grid points must stay neighbours: a grid cell with a negative area is folded over.
+        # Each grid cell must have a positive area, otherwise the image is folded over.
         right, down = (
             (np.diff(x, axis=1)[:-1], np.diff(y, axis=1)[:-1]),
             (np.diff(x, axis=0), np.diff(y, axis=0)),

@@ -101,7 +101,7 @@ def interpolate_cameras(cameras: Sequence[Camera], count: int, *, closed: bool =
 
     Each segment between two cameras takes the same time, whatever its length is. An open flight begins at the
     first camera and ends at the last. A `closed` flight is a loop: after its last frame, the flight returns
-    to the first camera. The velocity and angular velocity of the flight are continuous.
+    to the first camera. The velocity and the angular velocity are continuous.
 
     Centres follow the uniform Catmull-Rom spline (E. Catmull and R. Rom, A class of local interpolating
     splines, 1974). Beyond its ends, an open flight continues with reflected cameras. Rotations follow the
@@ -141,7 +141,7 @@ def _check_frames(count: int) -> None:
 
 
 def _spline_keys(keys: NDArray[np.float64], segment: int, closed: bool) -> NDArray[np.float64]:
-    """Return the four keys (4, D) of the spline around `segment`."""
+    """Return four keys (4, D) of the spline: the key before `segment`, its two ends, and the key after it."""
     if closed:
         return keys[np.arange(segment - 1, segment + 3) % len(keys)]
     before = keys[segment - 1] if segment else 2 * keys[0] - keys[1]

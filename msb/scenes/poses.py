@@ -12,9 +12,9 @@ from msb.base.matrices import inverse
 from msb.errors import SceneError, shorten
 
 # Limits for the error of a rotation R, the largest entry of |R R^T - I|. Below the first limit, R is stored
-# unchanged. Up to the second limit, R is replaced by the nearest rotation. Float32 poses stay well below the
-# first limit, even after a few inversions. Matrices with four decimals (error at most 1.8e-4) stay below the
-# second limit.
+# unchanged. Up to the second limit, R is replaced by the nearest rotation. After a few inversions, the error
+# of a float32 pose is still well below the first limit. Matrices with four decimals (error at most 1.8e-4)
+# stay below the second limit.
 EXACT_ROTATION_ERROR, MAX_ROTATION_ERROR = 1e-4, 2e-4
 
 # Largest coordinate in scene units. Squares of larger distances do not fit into float32, the precision of
@@ -28,7 +28,7 @@ _OPENGL_AXES.setflags(write=False)
 def check_pose(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
     """Return `matrix` as a new array (4, 4) float64 if it consists of a rotation and a translation.
 
-    `what` is the matrix's name in messages.
+    Error messages call the matrix `what`.
     """
     pose = _finite_matrix(matrix, what)
     if (pose[3] != (0, 0, 0, 1)).any():

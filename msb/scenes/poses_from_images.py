@@ -140,7 +140,8 @@ class _Job:
     def run(self, stage: tuple[str, str | None, int], work: Callable[[Any], Any]) -> Any:
         """Run `work` in a thread and return its result.
 
-        `stage` is the name of the work. Each step adds a row to the database table.
+        `stage` contains the name of the work, the database table, and the number of steps. Each step adds a
+        row to the database table.
         """
         name, table, total = stage
         self._steps = 0

@@ -19,8 +19,8 @@ def find_up(cameras: Sequence[Camera]) -> NDArray[np.float64]:
     People hold cameras level, so up is perpendicular to the right vectors of the cameras. The result
     minimises the sum of squared dot products with the right vectors. The sign of the result follows the mean
     up vector of the cameras. If all right vectors lie along one line, up is the mean up vector without its
-    component along that line. On four captures, the result was at most 6 degrees off the vertical, and the
-    mean up vector at most 22 degrees.
+    component along that line. On four captures, the error of the result was at most 6 degrees. The error of
+    the mean up vector was up to 22 degrees.
     """
     axes = np.stack([camera.camera_to_world[:3, :3] for camera in cameras])
     right, mean_up = axes[:, :, 0], -axes[:, :, 1].mean(axis=0)

@@ -135,9 +135,9 @@ def _interpolate_halfway(
 ) -> NDArray[np.float64]:
     """Return the poses (N, 4, 4) halfway between the poses `starts` and `ends`.
 
-    If both cameras look at `aim`, the halfway pose is on an arc around it. The point of a camera lies in
-    front of it, at the depth of `aim`. The halfway pose uses the mean point and the mean depth of both
-    cameras. If `aim` is behind the cameras, as in a room, the halfway pose is on a line between the cameras.
+    If both cameras look at `aim`, the halfway pose is on an arc around it. Each camera has a point in front
+    of it, at the depth of `aim`. The halfway pose uses the mean point and the mean depth of both cameras. If
+    `aim` is behind the cameras, as in a room, the halfway pose is on a line between the cameras.
     """
     # The mean rotation is the orthogonal matrix nearest to the sum of both rotations.
     left, _, right = np.linalg.svd(starts[:, :3, :3] + ends[:, :3, :3])

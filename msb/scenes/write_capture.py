@@ -18,9 +18,9 @@ from msb.scenes.poses import quaternion_from_rotation
 if TYPE_CHECKING:
     from msb.scenes.datasets.rules import Size
 
-# Callback that reads the photograph of a view. With a size (height, width), the callback reads the mask of
-# the view. Images are resampled to the pinhole camera of the view. Photographs are (H, W, 3) or (H, W, 4) and
-# masks (H, W, 1), uint8.
+# Callback that reads the photograph of a view. If a size (height, width) is passed, the callback reads the
+# mask of the view. Images are resampled to the pinhole camera of the view. Photographs are (H, W, 3) or (H,
+# W, 4) and masks (H, W, 1), uint8.
 ReadPhotograph = Callable[[Scene, Camera], NDArray[np.uint8]]
 # Positions (N, 3) and colours (N, 3) of points.
 Points = tuple[NDArray[np.float64], NDArray[np.uint8]]

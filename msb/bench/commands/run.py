@@ -196,7 +196,7 @@ def run(
 
 
 def _group_failures(report: Report, *, dry: bool) -> dict[Reason, list[str]]:
-    """Return the failed cells or parts of cells, grouped by the reason of the failure."""
+    """Group the failed cells and the failed parts of cells by the reason of the failure."""
     failures: dict[Reason, list[str]] = {}
     for row in report.rows:
         if dry and row.planned.status == "failed":  # these inputs are already listed as missing

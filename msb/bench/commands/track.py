@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     'msb track -- python -c "print(sum(range(10**6)))"',
     "msb track -o out/track.json -- python --version",
     "msb track --frames 8 -o out/own.json -- python --version",
-    # Options after the command belong to the command.
+    # options after the name of the command are passed to the command
     ignore_unknown_options=True,
     allow_interspersed_args=False,
 )

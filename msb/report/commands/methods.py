@@ -93,7 +93,10 @@ def tables() -> Iterator[tuple[str, TextRows]]:
 
 
 def _table_rows(table: Table, group: str | None = None) -> TextRows:
-    """Return the texts of a table, or of its columns below the heading `group`. A star marks a note."""
+    """Return the texts of all columns of a table, or of the columns below the heading `group`.
+
+    A star marks a note.
+    """
     places = [n for n, column in enumerate(table.columns) if group is None or group in column.groups]
     rows: TextRows = [("method", *(table.columns[place].title for place in places))]
     for row in table.rows:

@@ -203,7 +203,7 @@ def _print_tables(report: Report, label: str | None, form: TableFormat, output: 
 
 
 def _build(folders: tuple[Path, ...], options: ReportOptions, output: Output, *, pictures: bool) -> Report:
-    """Return the report on results, the board of submissions, or without `folders` the paper's report."""
+    """Return a report on results, a board of submissions, or the paper's own report if `folders` is empty."""
     from msb.bench.submission import is_submission, read_submission
     from msb.report.board import build_board
     from msb.report.build import build_report, paper_report

@@ -18,7 +18,7 @@ TIER_TITLES: dict[Tier, str] = {"standard": "Standard deployment", "dedicated": 
 
 
 def native_features(methods: Iterable[Method] | None = None) -> Table:
-    """Return the features of each method's representation; `methods` are all methods by default."""
+    """Return the features of the representations of `methods`. By default, all methods are included."""
     names = [field.name for field in fields(Native)]
     return Table(
         "method_attributes",

@@ -66,7 +66,7 @@ _RATIOS = (("standard", "dedicated"), ("dedicated", "non_engine"))
 def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return the gaps of every method and metric on a dataset.
 
-    The table also has rows for other conditions. An engine or a bake can replace Standard, and a variant can
+    Further rows show gaps of other conditions. An engine or a bake can replace Standard, and a variant can
     replace Dedicated. The two tiers of one engine can replace both.
     """
     # Each metric has a block of rows: the two tiers first, then engines, bakes and variants.
@@ -164,7 +164,7 @@ def slowdown_table(numbers: Numbers, paper: Numbers | None = None) -> Table:
 
 
 def _gap_cells(numbers: Numbers, key: GapKey) -> dict[str, TableCell]:
-    """Return the table cells of the gaps at `key`, by the keys of `_COLUMNS`."""
+    """For each key of `_COLUMNS`, return the table cell of the gaps at `key`."""
     gaps = numbers.gaps.get(key)
     # Fill the cells of gaps without a value.
     absent = {}
@@ -220,7 +220,7 @@ def _end_numbers(numbers: Numbers, key: GapKey, name: GapName) -> list[Number]:
 
 
 def _replace_tiers(key: GapKey, tiers: Iterable[str]) -> list[str]:
-    """Return `tiers` with the tier names of `key` in place of "standard" and "dedicated"."""
+    """Replace the names "standard" and "dedicated" in `tiers` by the conditions of `key`."""
     return [{"standard": key.standard, "dedicated": key.dedicated}.get(tier, tier) for tier in tiers]
 
 

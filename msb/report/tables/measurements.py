@@ -73,7 +73,7 @@ _CONNECTIVITY = {
     "Local structure": ("boundary_edge_ratio", "nonmanifold_edge_ratio", "nonmanifold_vertex_ratio"),
     "Global connectivity": ("lcc_face_ratio", "lcc_area_ratio", "components"),
 }
-# The heading above the scenes of each group, by the name of the group's mean.
+# Headings for groups of scenes, by the name of the group's mean.
 _GROUPS = {"indoor_mean": "indoor scenes", "outdoor_mean": "outdoor scenes"}
 
 
@@ -372,7 +372,8 @@ def memory(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Tabl
 
 def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return frame time, memory and asset size of datasets with few scenes, with the scenes side by side."""
-    # Titles of the columns, by heading and metric. Each block has a column per scene, mean and metric.
+    # Titles of the columns, by heading and metric. Each scene and each mean has a column for every metric of
+    # a block.
     blocks = {
         "Device time of a frame (ms ↓)": {metric: METRICS[metric].title for metric in _PERCENTILES},
         "Memory (MiB ↓)": {"memory": "Render", "asset_size": METRICS["asset_size"].title},

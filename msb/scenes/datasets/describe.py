@@ -37,9 +37,9 @@ class SceneReport:
     """The content of a scene's folder; either `scene` or `error` is None.
 
     `points` is the number of SfM points, or None if they cannot be read. `unused` lists unused files, each
-    with the reason. `deviations` describes how each method's official code reads the scene differently from
-    our rules. `missing` counts the missing photographs of "training" and "test" views. The value is None if
-    the cameras cannot be read.
+    with the reason. `deviations` lists the differences between our rules and each method's official code.
+    `missing` counts the missing photographs of "training" and "test" views. The value is None if the cameras
+    cannot be read.
     """
 
     path: Path

@@ -19,7 +19,7 @@ from msb.scenes.datasets.rules import AS_IS, Size, half_even
 from msb.scenes.datasets.scene import Scene
 from msb.scenes.image_size import image_size
 
-# A recorded width is reported if it is at least this multiple of the photograph's width.
+# Report a recorded width that is at least this multiple of the photograph's width.
 _FAR = 1.5
 
 

@@ -25,7 +25,7 @@ PHOTOGRAPH_MODES = ("RGB", "RGBA", "L", "LA")
 _OTHER_KINDS = {"WEBP": "WebP", "AVIF": "AVIF", "HEIF": "HEIC"}
 # EXIF orientations of at least this value swap width and height.
 _FIRST_SWAP = 5
-# Number of missing photographs that a message names, and number of similar file names that it suggests.
+# Maximum number of missing photographs in a message, and maximum number of similar file names in a message.
 _MAX_NAMES, _MAX_HINTS = 4, 2
 # Tolerated difference in pixels between the heights of a photograph and its camera, scaled to equal width.
 _ROUNDED_AWAY = 1.5
@@ -89,11 +89,11 @@ def _missing_folder(root: Path, folder: str) -> SceneError:
 def locate_photographs(
     root: Path, layout: Layout, views: Sequence[Camera], folder: str, *, is_requested: bool
 ) -> list[Camera]:
-    """Return the views with the paths of their photographs, which need not exist.
+    """Return the views with the paths of their photographs. The files may be missing.
 
     Names of photographs are relative to `folder`. In JSON files, the name of a photograph begins with a
-    folder. A requested folder such as images_2 replaces this first folder. If the full names exist below the
-    requested folder, they are kept.
+    folder. A requested folder such as images_2 replaces this first folder. If a photograph with its full name
+    exists below the requested folder, the full name is used.
     """
     files = SpelledFiles(root / folder)
     located = [replace(view, image_path=files.find(str(view.name))) for view in views]
@@ -115,8 +115,8 @@ def check_missing(
 ) -> None:
     """Report views without a photograph: raise an error if too many are missing, else add a warning.
 
-    If `are_left_out` is true, one photograph is enough. Without `are_left_out`, all test views and one view
-    of each recorded size must have a photograph.
+    If `are_left_out` is true, one view with a photograph is enough. Without `are_left_out`, all test views
+    and one view of each recorded size must have a photograph.
     """
     missing = [view for view in views if not _has_photograph(view)]
     if not missing:
@@ -155,11 +155,11 @@ def _find_near_miss(view: Camera) -> str | None:
 
 @dataclass(frozen=True)
 class StoredPhotographs:
-    """The photographs of the views, with the way of reading each photograph and its final size.
+    """The photographs of the views: the steps for reading each photograph, and its final size.
 
     `views` are pinhole cameras. A view has the size of its undistorted photograph. If the photograph is
-    missing, it has the recorded size. `sizes` has an entry for each view. `readings` has an entry only for
-    views whose photographs are changed.
+    missing, the view has the recorded size. `sizes` has an entry for each view. `readings` has an entry only
+    for views whose photographs are changed.
     """
 
     views: list[Camera]
@@ -173,8 +173,8 @@ def inspect_photographs(
     """Read the headers of the photographs, and return how each photograph is read.
 
     If cameras have equal recorded sizes, their photographs must have equal sizes. A missing photograph gets
-    the size of the other photographs. `converts` also accepts image formats that cannot be compared without
-    conversion.
+    the size of the other photographs. If `converts` is true, formats that must first be converted are
+    accepted.
     """
     sizes: dict[Size, tuple[Size, Camera]] = {}
     turned: dict[str, int] = {}

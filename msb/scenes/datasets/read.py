@@ -78,8 +78,8 @@ def read_scene(
     -------
     Scene
         The scene. Only the headers of photographs are read; `msb.metrics.ground_truth` rotates, undistorts
-        and masks the photographs. In captures outside the benchmark, views without a photograph are left out
-        before the split, with a warning. Scenes of the benchmark keep views without a photograph, but their
+        and masks the photographs. In captures outside the benchmark, views without a photograph are removed
+        with a warning, before the views are split. Scenes of the benchmark keep such views, but all their
         test photographs must exist.
 
     Raises

@@ -27,7 +27,7 @@ _OURS = Rules(
 class _EveryRules(Mapping[str, Rules]):
     """Our rules, and the rules declared by methods.
 
-    A method's rules are imported when they are first used.
+    The rules of a method are imported when they are first used.
     """
 
     def __getitem__(self, name: str) -> Rules:

@@ -65,8 +65,8 @@ class Rules:
     title, source : str
         The loader's name, and the source of its rules (owner/repo: path).
     convention : Convention
-        The camera convention of the method's training. "gs_fov": recorded angles of view, principal point in
-        the middle. "full_K": recorded principal point.
+        The camera convention of the method's training. "gs_fov" uses the recorded angles of view and a
+        principal point in the middle. "full_K": recorded principal point.
     rounding : Rounding
     resampling : {"bicubic", "bilinear"}
         Pillow's filters, both antialiased.
@@ -95,9 +95,9 @@ class Rules:
     backgrounds: Mapping[str, Color] = field(default_factory=lambda: {"": BLACK})
 
     def photographs_of(self, dataset: str, group: str = "") -> Photographs | None:
-        """Return the rule for a group of a dataset's scenes.
+        """Return the rule for the photographs of a dataset, or of a group of its scenes.
 
-        The result is None if the loader does not support the dataset.
+        If the loader does not support the dataset, the result is None.
         """
         key = dataset if dataset in DATASETS else CUSTOM
         return self.photographs.get(f"{key}/{group}") or self.photographs.get(key)

@@ -129,7 +129,7 @@ def _spellings(name: str) -> list[str]:
 
 
 def _read_lists(root: Path, layout: Layout) -> dict[Split, tuple[Path, list[str]]]:
-    """Return for each split the file that lists its views, and the listed names."""
+    """For each split, return the names of its views and the file that lists them."""
     if layout == "transforms":
         document = read_json(Source.open(root / SINGLE))
         lists = {split: document.get(key) for split, key in _KEYS.items()}
