@@ -97,7 +97,7 @@ class InputReader:
 def _hash(path: Path) -> str:
     """Return a short hash of a file, or an error code if it cannot be read.
 
-    The error is reported when the part that needs the file is computed.
+    The error is reported later, with the part that needs the file.
     """
     try:
         return file_sha256(path)[:_SHORT_DIGITS]

@@ -49,7 +49,7 @@ class Interval:
 def view_values(result: Result, metric: str) -> dict[str, float]:
     """Return the value of an image metric in each view of a record.
 
-    The result is empty if a view has no value.
+    If a view has no value, the result is empty.
 
     An infinite PSNR counts as 100 dB, as in averages.
     """

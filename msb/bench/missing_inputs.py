@@ -56,7 +56,7 @@ class _Need(NamedTuple):
 def find_missing(
     planner: Planner, cells: Sequence[Planned], errors: Sequence[MsbError] = ()
 ) -> tuple[list[Planned], list[Missing]]:
-    """Return the plan and all missing inputs; cells without a necessary input are marked as failed.
+    """Return the plan and all missing inputs. A cell without a necessary input is marked as failed.
 
     All inputs of a cell are checked, so that one missing input does not hide another input. Scenes are read
     without photographs, and models are located without reading them. `errors` are faults that affect every

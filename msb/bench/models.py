@@ -1,4 +1,4 @@
-"""The models of a run as assets, exported and hashed once, and exported again if a file changes."""
+"""The models of a run, exported as assets. If a file changes, the model is exported again."""
 
 import json
 import zipfile
@@ -134,14 +134,14 @@ def _make_key(task: ModelTask) -> str:
 
 
 def _find_source_file(task: ModelTask) -> str:
-    """Return the path of the file that identifies the model."""
+    """Return the path of the main file of a model."""
     if is_asset(task.source):
         return str(_list_files(task.source)[0])
     return str(locate(task.source).file)
 
 
 def _list_files(asset: Path) -> list[Path]:
-    """Return the files of an asset, which is a single file or a folder."""
+    """Return the files of an asset. An asset is a single file or a folder."""
     if not asset.is_dir():
         return [asset]
     return [asset / MANIFEST_NAME, *sorted((asset / "buffers").glob("*"))]

@@ -20,7 +20,9 @@ class Gpu(Record):
 
 
 class Gpus:
-    """The NVIDIA GPUs of this machine, or the reason why they cannot be measured: no library, driver or GPU.
+    """The NVIDIA GPUs of this machine.
+
+    If no GPU can be measured, a reason is given: no library, driver or GPU.
 
     Two numbers are measured: the memory listed by NVML for given processes, and the growth of the whole
     device's memory. If NVML cannot list processes, the growth of device memory is used.
@@ -112,7 +114,10 @@ class Gpus:
         return tuple(gpus)
 
     def measure_process(self, pid: int) -> tuple[int | None, str | None]:
-        """Return the current bytes of the process `pid` on all GPUs, or the reason if they are unknown."""
+        """Return the current bytes of the process `pid` on all GPUs.
+
+        If they are unknown, return the reason.
+        """
         sizes: list[int] = []
         for handle in self._handles if self._reason is None else ():
             with contextlib.suppress(self._nvml.NVMLError):
@@ -123,7 +128,7 @@ class Gpus:
         return (sum(sizes), None) if sizes else (None, self._reason or unlisted)
 
     def _list_processes(self, handle: Any) -> dict[int, int]:
-        """Return the bytes of each process on a GPU by process number; unknown values are omitted."""
+        """Return the bytes of each process on a GPU, by process number. Unknown values are omitted."""
         sizes: dict[int, int] = {}
         for processes in (
             self._nvml.nvmlDeviceGetComputeRunningProcesses(handle),
@@ -146,7 +151,7 @@ class Gpus:
 
 
 def read_driver_memory(device: Mapping[str, Any]) -> tuple[int | None, str | None]:
-    """Return the bytes of this process on NVIDIA GPUs, or the reason if they are unknown.
+    """Return the bytes of this process on NVIDIA GPUs. If they are unknown, return the reason.
 
     Pass the key "device" of the record of a machine.
     """

@@ -1,4 +1,4 @@
-"""The state of a scene's test views, and its ground truth: the photographs prepared for comparison.
+"""The state of a scene's test views, and the ground truth: photographs prepared for comparison.
 
 The ground truth is written once per scene, resized, masked and rounded to bytes, with a list of hashes. Every
 run verifies the ground truth against this list, because a damaged image would falsify all later results.
@@ -55,8 +55,8 @@ def describe_views(scene: Scene) -> ViewState:
         scene.quantized,
         [(camera.width, camera.height) for camera in scene.test],
     ]
-    # Add the rotated and undistorted photographs to the hash. Without rotated or undistorted photographs, the
-    # hash is the same as in earlier versions.
+    # Add the rotated and undistorted photographs to the hash. If no photograph is rotated or undistorted,
+    # keep the hash of earlier versions.
     if readings := [
         _describe_reading(scene, camera) for camera in scene.test if camera.name in scene.readings
     ]:
@@ -117,7 +117,7 @@ class PhotographTask:
 
 
 def write_photographs(task: PhotographTask) -> str | None:
-    """Write the ground truth of a scene unless valid ground truth exists.
+    """Write the ground truth of a scene. If valid ground truth exists, keep it.
 
     Invalid ground truth is written again, and the reason is returned as text.
     """

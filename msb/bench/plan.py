@@ -134,8 +134,8 @@ class Planner:
     def plan(self, pairs: Sequence[Pair], models: Mapping[Pair, ModelAsset | Exception]) -> list[Planned]:
         """Return all selected cells in the order of the protocol.
 
-        `models` contains the model of each pair of method and scene, or the error about it. In a dry run,
-        models that have not been exported count as missing.
+        For each pair of method and scene, `models` contains the model or the error about the model. In a dry
+        run, models that have not been exported count as missing.
         """
         cells = []
         for pair in pairs:
@@ -264,7 +264,7 @@ class Planner:
         codes = "UNSUPPORTED_METHOD" if cell.bake is None else "UNSUPPORTED_"
         if isinstance(model, MsbError) and model.code.startswith(codes):
             return make_reason(model)
-        if cell.bake is not None:  # every model with at least one tier can be baked
+        if cell.bake is not None:  # if a model has at least one tier, it can be baked
             return None
         reasons = lookup(cell.method).unsupported
         # without tiers, a method has no triangles and therefore no exported mesh
@@ -377,7 +377,7 @@ def _is_walked(table: WalkTable | None, cell: Cell) -> bool:
 
 
 def _find_variant_fault(variant: VariantTable, method: str) -> str | None:
-    """Return why a method does not support a variant, or None if it does."""
+    """Return the reason if a method does not support a variant, else None."""
     if lacks := variant.settings.keys() - lookup(method).settings.keys():
         return f"the variant changes {', '.join(sorted(lacks))}, which is not a setting of {method}"
     if variant.renderer is not None and "dedicated" not in getattr(
@@ -388,7 +388,7 @@ def _find_variant_fault(variant: VariantTable, method: str) -> str | None:
 
 
 def _find_change(part: PartName, inputs: PartInputs, old: Result | None) -> str | None:
-    """Return the reason for computing a part, or None if its record is valid."""
+    """Return the reason for computing a part. If its record is valid, return None."""
     if old is None:
         return "new"
     recorded = old.inputs.get(part)

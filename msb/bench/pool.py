@@ -1,7 +1,7 @@
 """Workers that compute the tasks of a run: processes on this machine, or a Dask cluster.
 
-A task is plain data: the argument of a function in this package. If a task raises an exception, the exception
-is returned instead of a result. If a worker process dies, only its current task is lost.
+A task is the argument of a function in this package, as plain data. If a task raises an exception, the
+exception is returned instead of a result. If a worker process dies, only its current task is lost.
 """
 
 import contextlib
@@ -35,7 +35,7 @@ class Workers(ABC):
 
     @abstractmethod
     def executor(self) -> Executor:
-        """Return the executor for tasks. After the death of a worker, a new executor is created."""
+        """Return the executor that runs the tasks. After the death of a worker, a new executor is created."""
 
     @abstractmethod
     def close(self) -> None:
@@ -103,7 +103,7 @@ def _run_group(
 
 
 def _submit(executor: Executor, function: Callable[[Task], Answer], task: Task) -> Future[Answer]:
-    """Submit a task. If the pool is already broken, return a future with the pool's error."""
+    """Submit a task. If the pool is broken, return a future with the pool's error."""
     try:
         return executor.submit(function, task)
     except BrokenExecutor as error:

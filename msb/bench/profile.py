@@ -35,8 +35,8 @@ class Profile:
     """The result of timing a renderer."""
 
     timing: Timing
-    # Bytes of each device buffer after all cameras were drawn, by the name of the buffer. Buffers only grow,
-    # so each buffer has the size that the most demanding camera needs.
+    # Bytes of each device buffer after all cameras were drawn, by the name of the buffer. Buffers never
+    # shrink, so each buffer has the size that the most demanding camera needs.
     memory: Mapping[str, int]
     # The group of each buffer (`Renderer.memory_groups`), by the name of the buffer.
     memory_groups: Mapping[str, str]
@@ -136,7 +136,10 @@ def _compute_round_rates(ends: Sequence[float]) -> tuple[float, ...]:
 
 
 def _select_frame_times(spans: Sequence[float]) -> tuple[float, ...]:
-    """Return the times of all frames in ms, or of evenly spread frames if a record cannot store all."""
+    """Return the times of all frames in ms.
+
+    If a record cannot store all times, return evenly spread frames.
+    """
     count = min(len(spans), MOST_FRAME_TIMES)
     return tuple(round(spans[number * len(spans) // count], 4) for number in range(count))
 

@@ -219,7 +219,7 @@ def _check_labels(protocol: Protocol) -> _Faults:
         other = methods.setdefault(method.label.casefold(), method.name)
         if other != method.name:
             yield place, f'"{shorten(method.label)}" is already the label of {other}; use another label'
-    # The conditions, engines, variants and bakes of a model become names of folders and columns.
+    # The names of conditions, engines, variants and bakes are also names of folders and columns.
     taken = {name.casefold(): "a condition" for name in CONDITIONS}
     taken |= {name.casefold(): "an engine" for name in protocol.engines}
     variants = [

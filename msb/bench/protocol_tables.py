@@ -30,7 +30,7 @@ Setting = bool | int | float | str
 
 
 class SceneOptions(Record):
-    """Options of a scene in the table of a dataset or a method; the method's options take precedence."""
+    """Options of a scene in a dataset or a method. Options of the method take precedence."""
 
     # Folder of the photographs below the scene, such as "images_4". Default: the folder of the dataset.
     image_folder: Annotated[str, Field(min_length=1)] | None = None
@@ -180,7 +180,8 @@ class TrialTable(Record):
 
     # Names of the trial tasks, as in the option ``--task`` of `msb trial`. Default: all.
     tasks: tuple[str, ...] = ()
-    # Whether to compare repairs of the mesh like `msb repair --compare`, with `tasks` or its default tasks.
+    # Whether to compare repairs of the mesh, as `msb repair --compare` does. The tasks are `tasks` or the
+    # default tasks.
     compare: bool = False
     seconds: Annotated[float, Field(gt=0)] = 60.0
     # Memory limit in GiB.

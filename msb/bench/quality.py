@@ -1,4 +1,4 @@
-"""The part "quality" of a cell: its images are written to its folder and compared with the photographs."""
+"""The part "quality" of a cell: write the images of the cell, and compare them with the photographs."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
 
 
 def describe_renderer(job: Job, name: str) -> RendererInfo:
-    """Return the record of a renderer.
+    """Return the record of a renderer: its name, version and settings.
 
     Pass "TITLE VERSION" as `name`. The settings are taken from the job.
     """

@@ -257,7 +257,7 @@ class Timing(Record):
 class Memory(Record):
     """Bytes of our device buffers after all test views were drawn, by purpose.
 
-    Buffers only grow from view to view, so each buffer has the size that the most demanding view needs.
+    Buffers never shrink, so each buffer has the size that the most demanding view needs.
     """
 
     geometry: Count
@@ -391,8 +391,8 @@ class Result(Record):
     trial: TrialDocument | None = None
     # Comparison of repairs, for exported meshes only; its images are in the folder "repairs".
     repairs: RepairDocument | None = None
-    # Only conditions rendered by our renderers or an engine have a walk, and only if the protocol requests
-    # one.
+    # A walk exists only if the protocol requests it, and only for conditions that our renderers or an engine
+    # draw.
     walk: WalkDocument | None = None
     training: Training | None = None
     # Notes on differences between training and evaluation: split, background and image size.
@@ -469,7 +469,7 @@ def _find_quality_errors(quality: Quality) -> Iterator[tuple[str, str]]:
                 f"/quality/metrics/{number}/weights",
                 "the record does not identify the weights of VGG16 and the linear layers",
             )
-    # Every image has a value of each metric within its range, or is marked as equal to the photograph.
+    # Check that every image has a valid value of each metric, or is marked as equal to the photograph.
     for number, image in enumerate(quality.images):
         pointer, psnr = f"/quality/images/{number}", image.values["psnr"]
         if (psnr is None) is not image.psnr_infinite:

@@ -1,4 +1,4 @@
-"""Official renderings: find the image of each test camera, and check that the set is complete."""
+"""Find the official rendering of each test camera, and check that no image is missing."""
 
 import re
 from collections.abc import Sequence

@@ -38,10 +38,10 @@ _INTERNAL_STATUS = 70
 
 
 class Watch(Protocol):
-    """The interface for progress reports of a run."""
+    """Receives progress reports of a run."""
 
     def stage(self, stage: Stage) -> AbstractContextManager[Callable[[str], None]]:
-        """Enter a stage. The yielded function must be called with the name of each finished task."""
+        """Enter a stage. Call the yielded function with the name of each finished task."""
         return contextlib.nullcontext(lambda _name: None)
 
     def note(self, text: str) -> None:
@@ -156,7 +156,7 @@ def _run_dry(
     except MsbError as error:
         errors.append(error)
     results = Results(file.results)
-    # A dry run does not export models, so it knows only the models of an earlier run.
+    # A dry run does not export models. It uses the models that an earlier run has exported.
     folder_errors: dict[str, MsbError] = {}
     pairs = find_pairs(file, only, folder_errors)
     models: dict[Pair, ModelAsset | Exception] = {}
@@ -225,7 +225,10 @@ class _Run:
         return Report(rows, unknown, time.perf_counter() - start)
 
     def prepare_models(self, pairs: Sequence[Pair]) -> dict[Pair, ModelAsset | Exception]:
-        """Export all models. Return the model of each pair of method and scene, or the error about it."""
+        """Export all models.
+
+        For each pair of method and scene, return the model or the error about the model.
+        """
         tasks = {pair: pair.task(self.file.results, self.run) for pair in pairs}
         unique = list(dict.fromkeys(task for task in tasks.values() if task is not None))
         models = dict(self.run_tasks("models", prepare_model, unique))
@@ -247,7 +250,7 @@ class _Run:
         ]
 
     def write_scene_cameras(self, cells: Sequence[Planned]) -> None:
-        """Write the cameras of each scene beside its assets, so that later commands find them."""
+        """Write the cameras of each scene beside the assets of the scene, for use by later commands."""
         jobs = [planned.job for planned in cells if planned.job is not None]
         scenes = {Path(job.model.asset.path).parent: job.scene for job in jobs if job.model is not None}
         for folder, at in scenes.items():
@@ -313,7 +316,7 @@ class _Run:
         if options is None:
             return
         jobs = [planned.job for planned in cells if planned.job is not None]
-        # Grids combine the films of several methods, so grids are planned after the films are written.
+        # A grid combines the films of several methods. Therefore plan grids after the films are written.
         for write, plan in ((write_video, plan_videos), (write_grid, plan_grids)):
             for task, answer in self.run_tasks("videos", write, plan(options, jobs)):
                 if isinstance(answer, Exception):
@@ -364,7 +367,7 @@ def _split_timing(job: Job, *, timing: bool) -> Job:
 
 
 def _make_outcome(results: Results, planned: Planned, seconds: float) -> CellOutcome:
-    """Return the outcome of a cell with its current record."""
+    """Return the outcome of a cell, including its current record."""
     try:
         result: Result | None = results.read(planned.cell)
     except MsbError:

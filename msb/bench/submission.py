@@ -1,4 +1,4 @@
-"""Submissions: benchmark results packaged for publication in a single file that the receiver can verify.
+"""Submissions: benchmark results in a single file that the receiver can verify.
 
 A submission contains the published fields of the records, the commands that repeat the evaluation, and a few
 small images. The published fields are numbers, hashes, versions, and names of scenes, methods and devices.
@@ -69,7 +69,7 @@ _LOOK = _keep("psnr", "same") | {"why": WITHHELD}
 
 
 def _list_published_fields() -> dict[str, Any]:
-    """Return the published fields of a record by name.
+    """Return the published fields of a record, by the name of the field.
 
     The rule for a field is a nested mapping, `_KEEP`, or a constant.
 
@@ -267,7 +267,7 @@ def make_archive(members: Mapping[str, bytes]) -> bytes:
 
 
 class _Members(Policy):
-    """The rules for the members of a submission: uncompressed files with one of three kinds of names."""
+    """Rules for the members of a submission: uncompressed files with one of three kinds of names."""
 
     max_members = 1 + _MOST_RECORDS + MOST_PICTURES
 
@@ -301,8 +301,8 @@ def read_submission(path: Path) -> Submission:
     ------
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE. RECORD_INVALID if the file is not an archive in the format of
-        `write_submission`. The same error reports a member that is missing, unlisted, too large, invalid or
-        changed.
+        `write_submission`. The same error is raised for a missing, unlisted, too large, invalid or changed
+        member.
     """
     data = map_file(path, _MAX_FILE + 1)
     if len(data) > _MAX_FILE:
@@ -318,7 +318,7 @@ def read_submission(path: Path) -> Submission:
     def parse_member(name: str, most: int) -> Any:
         return parse_json(read_member(name, most), most, file=f"{path}: {name}")
 
-    # The list must name exactly the members of the archive.
+    # The list must name all members of the archive, and no others.
     if ABOUT not in members:
         raise _make_error(path, f"the archive has no {ABOUT}; submissions are written by msb submit")
     about = validate(About, parse_member(ABOUT, _MAX_ABOUT), file=path, code="RECORD_INVALID")

@@ -124,7 +124,7 @@ def track(command: Sequence[str], *, interval: float = INTERVAL) -> Track:
     monitor.stop()
     peak, source, reason = gpus.result()
     return Track(
-        # Arguments may be arbitrary bytes, but JSON needs valid text.
+        # Replace invalid bytes in arguments, because JSON needs valid text.
         command=tuple(word.encode(errors="backslashreplace").decode() for word in command),
         started=started.isoformat(timespec="seconds"),
         ended=datetime.now(UTC).isoformat(timespec="seconds"),

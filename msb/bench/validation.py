@@ -95,7 +95,7 @@ def _find_place(data: Any, place: tuple[str | int, ...]) -> tuple[str | int, ...
 
 
 def _describe_unknown_key(model: type[BaseModel], place: tuple[str | int, ...]) -> str:
-    """Return the message for an unknown key, with the most similar key or with all keys."""
+    """Return the message for an unknown key. It names the most similar key, or all keys."""
     keys = _list_keys(model, place[:-1])
     similar = difflib.get_close_matches(str(place[-1]), keys, 1)
     hint = f"; did you mean {similar[0]}?" if similar else f"; known keys: {', '.join(keys)}" if keys else ""
@@ -119,7 +119,7 @@ def _list_keys(model: type[BaseModel], place: tuple[str | int, ...]) -> list[str
 
 
 def _find_models(annotation: Any) -> list[type[BaseModel]]:
-    """Return the models within a type annotation: A for list[A] | None."""
+    """Return all models in a type annotation. For list[A] | None, return A."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for part in get_args(annotation) for model in _find_models(part)]

@@ -1,4 +1,7 @@
-"""Films with the conditions of a method side by side, and grids of such films for all methods of a scene."""
+"""Write films with the conditions of a method side by side.
+
+Write grids of such films for all methods of a scene.
+"""
 
 from __future__ import annotations
 
@@ -194,7 +197,7 @@ def _find_unsupported_titles(job: Job) -> set[str]:
 
 
 def _read_panels(film: Path, titles: Sequence[str]) -> Iterator[dict[str, NDArray[np.uint8]]]:
-    """Yield the images of each frame of a method's film, by the title of the condition."""
+    """For each frame of a method's film, yield the images by the title of the condition."""
     for pixels in read_film(film):
         width = pixels.shape[1] // len(titles)
         yield {title: pixels[:, n * width : (n + 1) * width] for n, title in enumerate(titles)}
@@ -214,8 +217,8 @@ def _draw_grid(
     """
     from PIL import Image
 
-    # All panels are scaled to the size of the largest panel. A missing panel is black and states whether its
-    # condition is not supported.
+    # All panels are scaled to the size of the largest panel. A missing panel is black. Its text states
+    # whether the method supports the condition.
     width, height = (max(panel.shape[axis] for row in rows for panel in row.values()) for axis in (1, 0))
     picture = Image.new("RGB", (width * len(columns), height * len(rows)))
     for y, (row, name, unsupported) in enumerate(zip(rows, titles, absent, strict=True)):

@@ -68,7 +68,7 @@ class Board(Report):
 
 
 def submitted_pictures(results: ResultSet) -> list[tuple[SubmittedImage, bytes]]:
-    """Return descriptions and JPEGs of the images of a submission.
+    """Return the submitted images of a submission: their descriptions and their JPEG data.
 
     The images show the views with the largest and the median loss of each dataset.
     """
@@ -190,7 +190,7 @@ def _visible_form(name: str) -> str:
 
 
 def _results_table(results: Mapping[str, ResultSet], numbers: Mapping[str, Numbers], paper: Numbers) -> Table:
-    """Return a row per scene, method, condition and submitter.
+    """Return a row for each scene, method, condition and submitter.
 
     `results` and `numbers` contain the results and numbers of each submitter, by name. The mesh metrics of a
     model are repeated in all its rows.
@@ -226,7 +226,7 @@ def _results_table(results: Mapping[str, ResultSet], numbers: Mapping[str, Numbe
 
 
 def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
-    """Return the rows of the table in order, each with the submitters that have numbers for the row."""
+    """Return the rows of the table in order. Each row has the submitters with numbers for the row."""
     names_of: dict[RowKey, list[str]] = {}
     for name, of_submitter in numbers.items():
         scenes = {(key.dataset, key.scene) for key in of_submitter.values if key.scene not in MEANS}
@@ -278,7 +278,7 @@ def _text_cell(text: str) -> TableCell:
 
 
 def _provenance_cells(records: Sequence[Result]) -> tuple[TableCell, ...]:
-    """Return the table cells for model, photographs, version and device.
+    """Return four table cells: model, photographs, version and device.
 
     If the records differ, the text is "N different".
     """
@@ -301,7 +301,7 @@ def _provenance_cells(records: Sequence[Result]) -> tuple[TableCell, ...]:
 
 
 def _photographs_hash(record: Result) -> str:
-    """Return a hash of the photographs and their processing, or ""."""
+    """Return a hash of the photographs and of the settings for their comparison, or ""."""
     return str(record.inputs.get("quality", {}).get("photographs", ""))
 
 
@@ -331,7 +331,7 @@ def _submissions_table(named: Sequence[tuple[str, Submission]]) -> Table:
 
 
 def _files_table(results: Mapping[str, ResultSet]) -> Table:
-    """Return the hashes of all files behind the results of each submitter and model."""
+    """For each submitter and model, return the hashes of all files that the results are computed from."""
     rows = []
     for name, of_submitter in results.items():
         for place, conditions in of_submitter.places.items():
@@ -352,7 +352,7 @@ def _files_table(results: Mapping[str, ResultSet]) -> Table:
 
 
 def _find_differences(results: Mapping[str, ResultSet]) -> Iterator[str]:
-    """Yield reasons why rows of one or several submissions cannot be compared."""
+    """Yield reasons that make rows of one or several submissions incomparable."""
     yield from (f"{name}: {note}" for name, of_submitter in results.items() for note in of_submitter.notes)
     # For each (dataset, scene, method), group the submitters by the hash of their photographs.
     photographs: dict[tuple[str, str, str], dict[str, list[str]]] = {}

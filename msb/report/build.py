@@ -186,7 +186,7 @@ def paper_report(*, pictures: bool = True) -> Report:
 
 
 def _with_contradictions(*tables: Table) -> tuple[Table, ...]:
-    """Return tables of the paper, with notes on statements of the paper that contradict them."""
+    """Return tables of the paper. Add notes on statements of the paper that contradict a table."""
     known = contradictions()
     return tuple(replace(table, notes=(*table.notes, *known.get(table.label, ()))) for table in tables)
 
@@ -309,7 +309,7 @@ def _format_count(number: int, noun: str) -> str:
 
 
 def _list_changed_files(results: ResultSet, views: Iterable[ComparedView]) -> Iterator[str]:
-    """Yield notes on missing renderings, and on renderings that are left out because their files changed."""
+    """Yield notes on missing and on changed renderings. Changed renderings are not shown."""
     missing = [
         loaded.path.parent / image.file
         for loaded in results

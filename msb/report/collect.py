@@ -46,7 +46,7 @@ from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED, UNSTEADY
 _TIMING = ("fps", "p50_ms", "p95_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
 WALK = ("flicker", "flicker_worst", "holes")
 _DRAWN = (*_TIMING, *WALK, "memory", "driver_memory", "asset_size")
-# Metrics of exported and baked meshes, and metrics of baked meshes alone.
+# Metrics of exported and baked meshes, and additional metrics of baked meshes.
 _OF_MESH, _OF_BAKE = ("faces", "tasks"), ("psnr_16", "bake_seconds")
 # Metrics that are computed from the frame rate.
 _RATES = ("fps", "host_ms")
@@ -135,7 +135,7 @@ def collect(results: ResultSet) -> Numbers:
 
 
 def _find_renderers(of_places: Mapping[Place, Mapping[str, Result]]) -> dict[str, str]:
-    """Return the renderer of each condition on a dataset: an engine, OpenCL, NumPy, or native code."""
+    """Return the renderer's name for each condition: an engine, OpenCL, NumPy, or native code."""
     names: dict[str, dict[str, None]] = {}
     for conditions in of_places.values():
         for condition, result in conditions.items():
@@ -174,7 +174,7 @@ def _sort_names(names: Iterable[str], first: Iterable[str]) -> list[str]:
 
 
 def _list_conditions(of_places: Mapping[Place, Mapping[str, Result]]) -> dict[str, list[str]]:
-    """Return the conditions of each method on a dataset: recorded conditions and unsupported conditions."""
+    """For each method on a dataset, return the recorded conditions and the unsupported conditions."""
     recorded: dict[str, set[str]] = {}
     for place, conditions in of_places.items():
         recorded.setdefault(place.method, set()).update(conditions)
@@ -292,7 +292,7 @@ def _make_number(metric: str, method: str, condition: str, result: Result | None
 
 
 def _why_missing(metric: str, result: Result) -> str:
-    """Return why a finished record has no value of a metric."""
+    """Return the reason that a finished record has no value of a metric."""
     part = "quality" if metric in QUALITY else _REASON_KEYS.get(metric)
     measured_elsewhere = "renderer_timing" if metric in ("fps", "memory") else part
     for name in (part, measured_elsewhere):
@@ -363,7 +363,7 @@ def _average(numbers: Mapping[str, Number], members: Iterable[str]) -> Number:
             named = ", ".join(map(scene_title, scenes))
             notes[f"({mean.present}/{mean.expected}): mean over {named} only"] = None
         return Number(mean.value, present=mean.present, expected=mean.expected, notes=tuple(notes))
-    # If no scene has a value, give the most frequent reason.
+    # If no scene has a value, the result has the most frequent reason.
     kinds = [number.absent for number in numbers.values()]
     if all(kind == NOT_SUPPORTED for kind in kinds):
         absent = NOT_SUPPORTED
@@ -413,7 +413,7 @@ def _add_setup_notes(
             for what, value in setup.items():
                 counts[place.dataset, place.scene, what][value] += 1
         for text in (text for result in conditions.values() for text in result.trained):
-            # A scene and the average get the same text, so that a table prints the note once.
+            # Use the same text for a scene and for the average, so that a table prints the note once.
             for row in (place.scene, MEAN):
                 notes[place.dataset, row, place.method][f"{place.scene}: {text}"] = None
     for place, setup in setups.items():
@@ -433,7 +433,7 @@ def _add_setup_notes(
 
 
 def _describe_setup(result: Result) -> dict[str, str] | None:
-    """Return the parts of a setup that must be equal for a fair comparison of two methods, as text."""
+    """Return the parts of a setup as text. They must be equal for a fair comparison of two methods."""
     if result.setup is None:
         return None
     images = () if result.quality is None else result.quality.images

@@ -57,9 +57,10 @@ _INK, _PAPER = "#010203", "#fdfcfb"
 _SIZE = (4.6, 3.3)
 # Width of a sheet of images (the text width of a paper), and height of row labels, in inches.
 _SHEET_WIDTH, _LABEL_HEIGHT = 7.0, 0.2
-# Number of legend rows without extra space; each further row makes the chart taller by `_ROW_HEIGHT` inches.
+# Number of legend rows that fit without extra space. Each further row makes the chart taller by `_ROW_HEIGHT`
+# inches.
 _LEGEND_ROWS, _ROW_HEIGHT = 4, 0.19
-# Every chart has space for at least this number of bars, so that a single bar does not fill it.
+# Minimum number of bars that a chart has space for, so that a single bar does not fill the chart.
 _MIN_BARS = 3
 
 
@@ -127,7 +128,7 @@ def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
     def draw(axes: Axes) -> None:
         for (method, dedicated), points in lines.items():
             style = dict(styles[method])
-            # A variant has the line style of its method, but a thinner line with open markers.
+            # The line of a variant has the style of its method, but is thinner and has open markers.
             if name := dedicated.partition("/")[2]:
                 style |= {"linewidth": 0.9, "markerfacecolor": "none", "markeredgecolor": style["color"]}
                 style |= {"marker": markers[dedicated], "label": f"{style['label']}, {plain_text(name)}"}
@@ -342,8 +343,7 @@ def _choose_styles(numbers: Numbers) -> dict[str, dict[str, Any]]:
     models = [method for dataset in numbers.datasets() for method in numbers.methods(dataset)]
     styles = {}
     for place, method in enumerate(dict.fromkeys([*METHODS, *models])):
-        # After each pass through the colours, markers and line styles are shifted, so that combinations do
-        # not repeat.
+        # When all colours are used, markers and line styles are shifted, so that combinations do not repeat.
         round_, color = divmod(place, len(_COLORS))
         styles[method] = {
             "color": _COLORS[color],
@@ -449,7 +449,7 @@ def _write_chart(title: str, draw: Callable[[Axes], None], form: Literal["svg", 
 def _write_canvas(
     form: Literal["svg", "pdf"], size: tuple[float, float], lay_out: Callable[[Canvas], None]
 ) -> bytes:
-    """Return the bytes of a file with the drawing of `lay_out`; equal drawings give equal bytes."""
+    """Draw with `lay_out`, and return the bytes of the file. Equal drawings give equal bytes."""
     # hide warnings about a cache that cannot be written
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     need_extra("bench", "matplotlib", what="a figure")
@@ -477,7 +477,7 @@ def _write_canvas(
     }
     file = io.BytesIO()
     with rc_context(settings), warnings.catch_warnings():
-        # Ignore glyphs missing in matplotlib's font, because browsers draw the text of the SVG with their own
+        # Ignore glyphs that matplotlib's font lacks, because browsers draw the text of the SVG with their own
         # fonts.
         warnings.filterwarnings("ignore", "Glyph", UserWarning)
         canvas = Canvas(figsize=size, layout="constrained")

@@ -1,4 +1,4 @@
-"""Findings: sentences about the numbers of a report, each with the label of the table of these numbers."""
+"""Findings: sentences about the numbers of a report. Each finding names the table with its numbers."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ from msb.report.tables.bakes import STEP_TITLES
 _MAX_FINDINGS = 12
 # Kinds of findings that are kept even if there are more than `_MAX_FINDINGS`.
 _ALWAYS_KEPT = ("slowdown", "engine_slowdown", "walk", "structure", "training", "unsupported")
-# Kinds of findings that come last, because they are expected, or do not concern deployment.
+# Kinds of findings that are listed last. They are expected, or do not concern deployment.
 _MINOR = ("monotone", "same_ranking", "training", "unsupported")
 # A PSNR difference below this value, in dB, is printed as 0.00.
 _MIN_DIFFERENCE = 0.005
@@ -147,7 +147,7 @@ def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Fin
         *_structure_findings(numbers),
         *_unsupported_findings(numbers),
     ]
-    # The sort is stable. Minor findings move to the end, and all other findings keep the order above.
+    # The sort is stable. Move minor findings to the end, and keep the order of all other findings.
     findings.sort(key=lambda finding: finding.kind in _MINOR)
     optional = [finding for finding in findings if finding.kind not in _ALWAYS_KEPT]
     dropped = optional[max(0, _MAX_FINDINGS - (len(findings) - len(optional))) :]
@@ -271,7 +271,7 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the cases in which Dedicated does not lie between Non-Engine and Standard."""
+    """Yield the cases in which the value of Dedicated is not between Non-Engine and Standard."""
     comparable = [
         (key, gaps)
         for key, gaps in numbers.gaps.items()
@@ -343,7 +343,7 @@ def _describe_not_monotone(
 
 
 def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the changes of the PSNR ranking between conditions, and the datasets without a change."""
+    """Yield the changes of the PSNR ranking between conditions. Also yield the datasets without a change."""
     changed: dict[str, str] = {}
     unchanged: dict[str, str] = {}
     for dataset in numbers.datasets():

@@ -1,4 +1,4 @@
-"""Arrange numbers in tables: look them up, format them, mark the best values, and add the paper's rows."""
+"""Arrange numbers in tables: format the numbers, mark the best values, and add rows of the paper."""
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""The outcomes of trial tasks and of compared repair strategies, prepared for the page of an asset."""
+"""Prepare the outcomes of trial tasks and repair strategies for the page of an asset."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -140,7 +140,10 @@ def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], st
 
 
 def _grade(strategy: Strategy) -> tuple[int, int]:
-    """Return a sort key that puts the best mesh first: by working tasks, then by the audit verdict."""
+    """Return a sort key: first the number of working tasks, then the audit verdict.
+
+    The best mesh comes first.
+    """
     return -strategy.trials_passed_after, _LEVELS[strategy.verdict_after]
 
 

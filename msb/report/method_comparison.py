@@ -56,7 +56,7 @@ class Comparison(NamedTuple):
 
 
 def compare_methods(results: ResultSet, numbers: Numbers, other: str) -> list[Comparison]:
-    """Return the comparisons of every method with the method `other`, by dataset, condition and metric."""
+    """For each dataset, condition and metric, compare every method with the method `other`."""
     methods = sorted({place.method for place in results.places})
     if other not in methods:
         text = f'--against: the results hold no method "{shorten(other, 60)}"; name one of '

@@ -1,4 +1,4 @@
-"""Printed form of metric values: title, unit, arrow and number of decimals."""
+"""The printed form of metric values: title, unit, arrow and number of decimals."""
 
 from decimal import ROUND_HALF_UP, Decimal
 

@@ -21,8 +21,8 @@ from msb.report.table import NOT_AVAILABLE
 
 # Values of `Key.scene` that denote averages over the scenes of a dataset.
 MEAN = "mean"
-# The cost of a single triangle, averaged over the scenes. The cost of a single triangle is the part of a
-# renderer's cost that does not depend on the mesh.
+# The cost of a single triangle, averaged over the scenes. A single triangle shows the part of a renderer's
+# cost that does not depend on the mesh.
 FLOOR = "floor_mean"
 # The heading of each row of averages, by the value of `Key.scene`.
 MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean", FLOOR: "Floor"}
@@ -215,7 +215,7 @@ class Numbers:
         return list(dict.fromkeys(key.scene for key in self._keys.get(dataset, ()) if key.scene not in MEANS))
 
     def conditions(self, dataset: str) -> list[str]:
-        """Return the conditions with images: each tier followed by its variants or engines, then bakes."""
+        """Return the conditions with images. Each tier precedes its variants or engines; bakes are last."""
         conditions = dict.fromkeys(
             key.condition
             for key in self._keys.get(dataset, ())

@@ -1,4 +1,4 @@
-"""The published numbers of the paper, read from its tables as JSON."""
+"""Read the published numbers of the paper from JSON files of its tables."""
 
 import json
 import os
@@ -148,7 +148,7 @@ def paper_row(table: str, **where: str) -> dict[str, float]:
 
 
 def methods_in(table: str) -> list[str]:
-    """Return the methods with rows in a table of the paper; `table` is a label as in `paper_row`."""
+    """Return the methods in a table of the paper. `table` is a label as in `paper_row`."""
     return list(dict.fromkeys(key.method for key in _read_table(table)))
 
 
@@ -212,7 +212,7 @@ def _add_notes(key: Key, number: Number) -> Number:
             return number
         reason = f"the paper of {method_title(key.method)} reports no results on {dataset_title(key.dataset)}"
         return replace(number, reason=reason)
-    # Mark values that cannot be compared with ours: values of another engine, and LPIPS of other sources.
+    # Mark values that are not comparable with ours: values of another engine, and LPIPS from other sources.
     if key.metric == "memory" and key.condition == "standard":
         return Number(number.value, notes=(ENGINE_MEMORY,))
     if key.condition == "dedicated" and (key.metric in QUALITY or key.metric == "fps"):
@@ -241,7 +241,10 @@ def _compute_gaps(numbers: Numbers) -> dict[GapKey, Gaps]:
 
 
 def _compute_ratios(numbers: Numbers) -> dict[RatioKey, Ratio]:
-    """Return the ratios of the paper's frame rates: of averages, and of single scenes if they are printed."""
+    """Return the ratios of the paper's frame rates.
+
+    If the paper prints single scenes, their ratios are included.
+    """
     ratios = {}
     for above, below in (("standard", "dedicated"), ("dedicated", "non_engine")):
         for dataset in numbers.datasets():

@@ -1,4 +1,4 @@
-"""Rankings of methods by a metric, and the pairs of methods that swap places between two rankings."""
+"""Rank methods by a metric, and find pairs of methods that swap places between two rankings."""
 
 from itertools import combinations
 

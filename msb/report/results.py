@@ -94,8 +94,8 @@ def read_results(*folders: str | os.PathLike[str], allow_mixed: bool = False) ->
     *folders : path-like
         Folders written by `msb run`. If two folders contain the same cell, the later folder counts.
     allow_mixed : bool
-        Accept records that must not be compared, with a note. With `allow_mixed`, models whose records differ
-        between two folders become separate models, named after their folders.
+        Accept records that must not be compared, with a note. With `allow_mixed`, models are separate if
+        their records differ between two folders. The names of the folders distinguish them.
 
     Raises
     ------

@@ -144,7 +144,7 @@ class Table:
 
     @property
     def depth(self) -> int:
-        """The number of heading lines above the titles of the columns."""
+        """The number of heading lines above the column titles."""
         return max((len(column.groups) for column in self.columns), default=0)
 
     def spans(self, level: int) -> list[tuple[str, int]]:
@@ -187,7 +187,6 @@ class Table:
         metrics = dict.fromkeys(cell.metric for cell in cells)
         common: dict[str, str] = {}
         for note in dict.fromkeys(note for cell in cells for note in cell.notes):
-            # A note is moved to the table if every cell of the note's metrics has the note.
             noted_metrics = dict.fromkeys(cell.metric for cell in cells if note in cell.notes)
             if all(note in cell.notes for cell in cells if cell.metric in noted_metrics):
                 images = [metric for metric in noted_metrics if metric in IMAGE_METRICS]
@@ -229,7 +228,7 @@ class Table:
 
 
 def _letters(number: int) -> str:
-    """Return the `number`-th footnote mark, counted from 0: "a" to "z", "aa", "ab", ..."""
+    """Return the footnote mark with index `number`: "a" to "z", "aa", "ab", ..."""
     name = ""
     number += 1
     while number:

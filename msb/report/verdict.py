@@ -22,7 +22,7 @@ from msb.report.table import NOT_SUPPORTED
 
 Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN", "NOTE"]
 
-# Native renderings with a lower PSNR (dB) differ too much from the photographs to serve as a reference.
+# Minimum PSNR in dB of native renderings against the photographs, so that they can serve as a reference.
 MIN_NATIVE_PSNR = 15.0
 # Minimum PSNR in dB between two renderings for each verdict, with the verdict's mark and text.
 _SIMILARITIES: tuple[tuple[float, Mark, str], ...] = (
@@ -40,7 +40,7 @@ _LOSSES: tuple[tuple[float, Mark, str], ...] = (
 # Maximum P95 of the frame time, in milliseconds, for 60 and for 30 frames per second.
 SMOOTH_MS, USABLE_MS = 1000 / 60, 1000 / 30
 # Maximum number of views on which the renderings of two conditions are compared. The compared views are
-# spread evenly. Comparing more views would take minutes for a complete benchmark.
+# evenly spread over all views. A comparison of more views would take minutes for a complete benchmark.
 _MAX_VIEWS = 8
 _LEVELS: dict[str, Mark] = {"ok": "YES", "limited": "WITH CARE", "bad": "NO"}
 
@@ -131,7 +131,7 @@ def judge(place: Place, loaded: Mapping[str, LoadedResult], numbers: Numbers) ->
 def _judge_appearance(
     place: Place, numbers: Numbers, condition: str, use: str, loaded: Mapping[str, LoadedResult]
 ) -> Statement:
-    """Judge the renderings of a condition by their PSNR against the native renderings.
+    """Compare the renderings of a condition with the native renderings, and judge their PSNR.
 
     If files are missing, the difference of PSNR against the photographs is used instead. Without native
     renderings, Standard is compared with Dedicated.
@@ -143,8 +143,8 @@ def _judge_appearance(
             return Statement("NO", use, f"Not supported: {reason}.")
         return Statement("UNKNOWN", use, f"{_capitalize(reason)}.")
 
-    # Find the reference renderings. Use native renderings if possible. Compare Standard with Dedicated
-    # otherwise.
+    # Find the reference renderings. Use native renderings if possible. If native renderings are missing,
+    # compare Standard with Dedicated.
     tier = "dedicated" if condition.startswith("dedicated") else "standard"
     gaps = numbers.gaps.get(GapKey(*place, "psnr", **{tier: condition}))
     gap = None if gaps is None else gaps["deploy" if tier == "standard" else "adapt"]
@@ -217,7 +217,10 @@ def _judge_speed(condition: str, record: Result) -> Statement:
 
 
 def _format_milliseconds(value: float) -> str:
-    """Return a time with enough decimals to distinguish it from a limit: "16.2 ms", but "16.69 ms"."""
+    """Return a time as text, with enough decimals to distinguish it from a limit:
+
+    "16.2 ms", but "16.69 ms".
+    """
     # Add decimals until the printed time differs from both limits.
     for decimals in (1, 2, 3):
         printed = f"{value:.{decimals}f}"

@@ -23,8 +23,8 @@ _FOV_Y = math.radians(40)
 _FOV_INSIDE = math.radians(60)
 # Share of the faces to ignore at each end of an axis when the dense region is searched.
 _LEAST = 0.02
-# Largest number of faces that are examined. From a larger asset, a sample of faces is used, so a surface of
-# few faces may be missed.
+# Largest number of faces that are examined. An asset with more faces is sampled. A surface of few faces may
+# then be missed.
 _SAMPLES = 200_000
 # Minimum ratio of two distances for which `is_surrounded` returns True. In tests, the ratio was 4 to 6 for
 # captures with a background, and 0.7 to 1.5 for objects and empty rooms.

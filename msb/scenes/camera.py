@@ -97,8 +97,7 @@ class Camera:
         pose = check_pose(self.world_to_camera, "world_to_camera")
         pose.setflags(write=False)
         values: dict[str, Any] = {"width": width, "height": height, "world_to_camera": pose}
-        # Convert all values to Python numbers, so that equal cameras compare equal and can be written as
-        # JSON.
+        # Convert all values to Python numbers. Cameras can then be compared and written as JSON.
         values |= {key: check_pixels(key, getattr(self, key), MIN_FOCAL) for key in ("fx", "fy")}
         values |= {key: check_pixels(key, getattr(self, key)) for key in ("cx", "cy")}
         if self.name is not None:
@@ -134,7 +133,7 @@ class Camera:
         width, height = check_size((width, height))
         fx = None if fov_x is None else focal_from_fov(fov_x, width, "fov_x")
         fy = fx if fx is not None and fov_y is None else focal_from_fov(fov_y, height, "fov_y")
-        pose = cast("NDArray[np.float64]", world_to_camera)  # the constructor checks this
+        pose = cast("NDArray[np.float64]", world_to_camera)  # the constructor checks the type
         return cls(width, height, fy if fx is None else fx, fy, width / 2, height / 2, pose, name)
 
     @classmethod
@@ -185,7 +184,9 @@ class Camera:
         return 2 * math.atan(self.height / (2 * self.fy))
 
     def project(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return pixels (..., 2) float64 and depths (...) along the camera's z axis, of points (..., 3).
+        """Project points (..., 3).
+
+        Return pixels (..., 2) float64, and depths (...) along the camera's z axis.
 
         Pixel coordinates are u to the right and v down. Coordinates of points with a depth of 0 or less are
         NaN.

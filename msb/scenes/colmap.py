@@ -22,7 +22,8 @@ from msb.scenes.poses import rotation_from_quaternion
 from msb.scenes.source import Source
 
 _Record = TypeVar("_Record", "Lens", "Shot")
-# File suffix of each format and its reader. The binary format is preferred, as in the 3DGS family.
+# The reader of each format, by the suffix of its files. The binary format is preferred, as in the 3DGS
+# family.
 _FORMS: dict[str, ModuleType] = {".bin": colmap_binary, ".txt": colmap_text}
 
 # Largest number of cameras of a model. A camera takes about 0.5 kB of memory and 60 microseconds. A malicious
@@ -146,7 +147,7 @@ def read_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDAr
 
 
 def _find_suffix(folder: Path, parts: tuple[str, ...]) -> str:
-    """Return the file suffix of the format in which the folder contains all `parts`."""
+    """Return the suffix of the format in which all files `parts` exist in the folder."""
     for suffix in _FORMS:
         if all(is_file(folder / f"{part}{suffix}") for part in parts):
             return suffix

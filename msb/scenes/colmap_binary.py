@@ -26,7 +26,7 @@ _POINT = struct.Struct("<Q3d3BdQ")
 _POINT_TRACK_LENGTH = _POINT.size - _COUNT.size
 _TRACK_ELEMENT = struct.Struct("<ii").size
 _POINT_2D = struct.Struct("<ddq").size
-# Number of points gathered at once; limits temporary memory.
+# Number of points that are gathered at once, to limit temporary memory.
 _POINTS_AT_A_TIME = 1 << 14
 
 
@@ -140,7 +140,7 @@ def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]
 
 
 def _starts_of_points(cursor: _Cursor, count: int) -> array[int]:
-    """Return the offset of each record in bytes; raise an error if a record exceeds the file."""
+    """Return the offset of each record in bytes. A record that exceeds the file is an error."""
     length_of_track, data, size = _COUNT.unpack_from, cursor.source.data, cursor.size
     starts = array("q")
     at = cursor.at

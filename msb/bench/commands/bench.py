@@ -159,7 +159,7 @@ def _get(record: dict[str, Any], key: str) -> Any:
 
 
 def _read_old(path: Path) -> dict[str, Any]:
-    """Return an earlier record of `msb bench --json`."""
+    """Read an earlier record of `msb bench --json`."""
     from msb.asset.strict_json import MAX_BYTES, parse_strict_json
     from msb.base.files import read_file
 

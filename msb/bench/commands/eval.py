@@ -181,7 +181,7 @@ class _Comparison:
         return status
 
     def compare(self, pair: ImagePair) -> dict[str, Any]:
-        """Return the row of a pair: names, size and metrics."""
+        """Return the row of a pair of images: names, size and metrics."""
         from msb import metrics
         from msb.metrics.images import is_plain
 

@@ -158,7 +158,7 @@ def report(
         check_folder(folders[0], "folder of results")
     overwrite = _check_target(target, output)
     if not {"md", "tex", "html"}.isdisjoint(formats):
-        # Check the installed packages first, so that the error does not come after a long computation.
+        # Check the installed packages before the long computation.
         need_extra("bench", "jinja2", "matplotlib", what="a report", instead="--format csv,json needs none")
     # Build and write the report.
     built = _build(folders, options, output, pictures=True)
@@ -236,7 +236,7 @@ def _build(folders: tuple[Path, ...], options: ReportOptions, output: Output, *,
 def _check_target(target: Path, output: Output) -> bool:
     """Check the output folder. Return whether the folder contains files of an earlier report to replace.
 
-    Files of an earlier report are replaced even without --force, because reports are usually repeated.
+    Replace the files of an earlier report even without --force, because reports are usually repeated.
     """
     from msb.base.own_folder import listed_files
 

@@ -107,7 +107,7 @@ def gap_title(key: GapKey) -> str:
 
 
 def scene_gaps_table(numbers: Numbers, place: Place) -> Table:
-    """Return the gaps of one asset, through Dedicated and through each of its variants."""
+    """Return the gaps of one asset, for Dedicated and for each variant of Dedicated."""
     columns = (*_NAMES, "monotone")
     variants = [
         name
@@ -131,7 +131,7 @@ def scene_gaps_table(numbers: Numbers, place: Place) -> Table:
 
 
 def slowdown_table(numbers: Numbers, paper: Numbers | None = None) -> Table:
-    """Return the ratios of frame rates of Standard to Dedicated, and of Dedicated to Non-Engine."""
+    """Return two kinds of frame rate ratios: Standard to Dedicated, and Dedicated to Non-Engine."""
     rows: list[TableRow] = []
     for dataset in numbers.datasets():
         for standard, dedicated in numbers.ratio_pairs(dataset):
@@ -225,7 +225,7 @@ def _replace_tiers(key: GapKey, tiers: Iterable[str]) -> list[str]:
 
 
 def _ratio_cells(numbers: Numbers, key: GapKey) -> tuple[TableCell, ...]:
-    """Return two table cells per pair of conditions: the ratio of mean frame rates, and its range."""
+    """Return two table cells for each pair of conditions: the ratio of mean frame rates, and its range."""
     cells: list[TableCell] = []
     for pair in _RATIOS:
         conditions = _replace_tiers(key, pair)

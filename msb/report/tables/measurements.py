@@ -229,7 +229,7 @@ def _comparison_order(condition: str) -> int:
 
 
 def scene_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return a row per deployed condition and method, with a block of columns for each of the few scenes.
+    """Return a row for each deployed condition and method, and a block of columns for each scene.
 
     The best deployment of each method in each scene is bold.
     """
@@ -253,7 +253,7 @@ def scene_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = Non
 
 
 def per_scene(numbers: Numbers, dataset: str, condition: str) -> Table:
-    """Return the results in one condition per scene, with a block of columns per method.
+    """Return a row of results for each scene, under one condition. Each method has a block of columns.
 
     The best method of each scene is bold.
     """
@@ -282,7 +282,7 @@ def per_scene(numbers: Numbers, dataset: str, condition: str) -> Table:
 
 
 def latency(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return the 50th and 95th percentile of the frame time of every deployment, per scene."""
+    """Return the percentiles P50 and P95 of the frame time for each scene and deployment."""
     pairs, omitted = _deployments(numbers, dataset, "p50_ms")
     columns = [
         TableColumn(
@@ -344,7 +344,7 @@ def walk(numbers: Numbers, dataset: str) -> Table:
 
 
 def memory(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return the device memory of every deployment, per scene."""
+    """Return the device memory for each scene and deployment."""
     pairs, omitted = _deployments(numbers, dataset, "memory")
     # Each condition and method has a column. If the driver reports memory, another column shows it.
     columns = []
@@ -371,7 +371,7 @@ def memory(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Tabl
 
 
 def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return frame time, memory and asset size of datasets with few scenes, with the scenes side by side."""
+    """Return frame time, memory and asset size of a dataset with few scenes. The scenes are side by side."""
     # Titles of the columns, by heading and metric. Each scene and each mean has a column for every metric of
     # a block.
     blocks = {

@@ -28,7 +28,7 @@ SOURCES = {"paper": "Paper", "public": "Public", "meshsplatbench": "MeshSplatBen
 
 
 class PublishedPair(NamedTuple):
-    """One of our numbers and its published counterpart, both in the unit of the records.
+    """A number of ours and the published number, both in the unit of the records.
 
     `key` is the key of our number with another `source`: the name of the publication. `notes` contains the
     notes of the published number.
@@ -73,7 +73,7 @@ def reproducibility(numbers: Numbers, paper: Numbers | None = None) -> Table:
 
 
 def pair_with_published(numbers: Numbers, paper: Numbers) -> list[PublishedPair]:
-    """Return each of our image quality values with its published counterpart.
+    """Pair our image quality values with the published values.
 
     `Key.source` of a pair is "paper" (the method's paper), "public" (the method's public code) or
     "meshsplatbench" (the benchmark's paper). Means over only some of the scenes are not compared.

@@ -1,4 +1,4 @@
-// Add lists that filter table rows by group, by row heading, and by the columns marked data-filter.
+// Add lists that filter the rows of a table by group, by row heading, or by a column marked data-filter.
 for (const table of document.querySelectorAll("table")) {
   const columns = [...table.querySelectorAll("[data-filter]")];
   if (!columns.length) continue;
