@@ -260,7 +260,7 @@ def finding(
 
 
 def error_finding(error: MsbError) -> Finding:
-    """Return an error as a finding; this is the inverse of `Finding.to_error`."""
+    """Return an error as a finding. This function is the inverse of `Finding.to_error`."""
     return finding(error.code, error.message, pointer=error.pointer)
 
 

@@ -37,7 +37,7 @@ TIERS: tuple[Tier, ...] = ("reference", "dedicated", "standard")
 Order = Literal["tile", "global", "none"]
 ORDERS: tuple[Order, ...] = ("tile", "global", "none")
 Sampling = Literal["official", "engine"]
-# How native rendering orders and samples primitives; docs/dedicated.md explains the choices.
+# How native rendering orders and samples primitives. docs/dedicated.md explains the choices.
 SAMPLINGS: tuple[Sampling, ...] = ("official", "engine")
 
 SettingValue = bool | int | float | str | None
@@ -147,7 +147,7 @@ class PaperNote:
 
 @dataclass(frozen=True)
 class Method:
-    """The declaration of one method; docs/extending.md describes it."""
+    """The declaration of one method. docs/extending.md describes the declaration."""
 
     title: str
     """The name of the method in tables and messages."""

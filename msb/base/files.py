@@ -73,7 +73,10 @@ def is_folder(path: Path) -> bool:
 
 @contextlib.contextmanager
 def _open_regular(path: Path) -> Iterator[int]:
-    """Yield a descriptor of the regular file at `path`; its kind is checked before and after opening."""
+    """Yield a descriptor of the regular file at `path`.
+
+    The kind of the file is checked before and after opening.
+    """
     try:
         _reject_special(path.stat(), path)
         descriptor = os.open(path, READ_ONLY)

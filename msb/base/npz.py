@@ -18,7 +18,7 @@ def write_npy(path: Path, array: NDArray[Any]) -> None:
 
 
 def write_npz(file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write `arrays` like `numpy.savez`; `numpy.load` reads them.
+    """Write `arrays` like `numpy.savez`. The file can be read with `numpy.load`.
 
     On a full disk, `numpy.savez` of NumPy 1.26 leaves its archive open, and Python later prints a traceback.
     """

@@ -116,7 +116,7 @@ def load(value: str) -> Any:
 
 
 class Lazy(Mapping[str, Plugin]):
-    """A mapping that is created at first use. Plug-ins are imported at that time.
+    """A mapping that is created at first use. At first use, the plug-ins are imported.
 
     Parameters
     ----------

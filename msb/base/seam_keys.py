@@ -16,7 +16,9 @@ _MULTIPLIER = np.uint32(0x9E3779B1)
 
 
 def hash_attributes(columns: Iterable[NDArray[Any]]) -> NDArray[np.uint32]:
-    """Return the seam keys (n,) of n vertices; a seam key hashes one row of all attribute arrays (n, k).
+    """Return the seam keys (n,) of n vertices.
+
+    A seam key is a hash of one row of all attribute arrays (n, k).
 
     Rows with equal values have equal hashes. Different rows have equal hashes with a probability of 2^-32.
     """

@@ -1,7 +1,7 @@
 """Define the metrics of the tables, and average them over scenes and groups of scenes.
 
-Values are unrounded and in the units of the records (bytes, seconds, milliseconds); tables round them. A
-missing number is None, never zero. The rules are described in docs/protocol.md.
+Values are unrounded and in the units of the records (bytes, seconds, milliseconds). Tables round the values.
+A missing number is None, never zero. The rules are described in docs/protocol.md.
 """
 
 import math
@@ -65,7 +65,10 @@ def _read_timing(get: Callable[[Timing], float | None]) -> Callable[[Result], fl
 
 
 def _read_device_time(get: Callable[[Timing], float]) -> Callable[[Result], float | None]:
-    """Return a function that computes a number from device times; its result is None without device times."""
+    """Return a function that computes a number from device times.
+
+    Without device times, the function returns None.
+    """
     return _read_timing(lambda times: get(times) if times.has_device_times else None)
 
 
@@ -188,7 +191,7 @@ CONDITION_TITLES: dict[str, str] = {
 
 @dataclass(frozen=True)
 class Mean:
-    """An unweighted average over the `present` scenes with a value; the dataset has `expected` scenes."""
+    """An unweighted average over the scenes of a dataset. `present` of the `expected` scenes have a value."""
 
     value: float | None
     present: int

@@ -44,7 +44,7 @@ class BakeTask:
     # Values that replace the model's settings in native rendering.
     settings: Mapping[str, Any]
     scene: SceneAt
-    # The test views at the time of planning, as hashes.
+    # Hashes of the test views at the time of planning.
     views: ViewState
     # The hash of all inputs of the bake.
     key: str
@@ -67,7 +67,7 @@ class BakeTask:
 
 
 def make_bake_options(table: BakeTable, method: str) -> dict[str, Any]:
-    """Return the options of `msb.bake`; the default supervision is the native rendering of the method.
+    """Return the options of `msb.bake`. By default, the method's native rendering supervises the bake.
 
     A mesh without a method's renderer is supervised by photographs.
     """
@@ -120,7 +120,7 @@ def find_known_bake(task: BakeTask, run: str | None = None) -> ModelAsset | None
 def make_bake(task: BakeTask) -> ModelAsset:
     """Bake the model of a task from the training views of the scene, and write the JSON file of the bake.
 
-    A bake that this run has already finished is returned without computation. A task can arrive twice,
+    If this run has already finished the bake, it is returned without computation. A task can arrive twice,
     because a cluster may repeat the tasks of a lost worker.
     """
     from msb.bake import bake

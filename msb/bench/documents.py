@@ -29,7 +29,7 @@ Outcome = Literal["works", "care", "fails", "not_run"]
 
 
 class Document(Record):
-    """A document of another command; keys that are not declared are kept."""
+    """A document of another command. Keys that are not declared are kept."""
 
     model_config = ConfigDict(extra="allow")
 

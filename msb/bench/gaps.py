@@ -2,7 +2,7 @@
 
 Let Q_ne, Q_ded and Q_std be the values of a metric in Non-Engine, Dedicated and Standard. Let s be +1 if
 higher values are better, otherwise -1. The signed losses are a = s (Q_ne - Q_ded), p = s (Q_ded - Q_std) and
-d = s (Q_ne - Q_std); a positive loss means a worse result. The paper's gaps of adaptation, portability and
+d = s (Q_ne - Q_std). A positive loss means a worse result. The paper's gaps of adaptation, portability and
 deployment are the absolute values of a, p and d. The paper's equation deploy = adapt + port holds only if
 Dedicated lies between Non-Engine and Standard (`Gaps.monotone`). `Gaps.triangle_excess` is adapt + port -
 deploy.
@@ -117,7 +117,7 @@ def value_gaps(
 
 
 def scene_gaps(metric: str, results: Conditions) -> Gaps:
-    """Return the gaps of one method on one scene; `results` contains the record of each condition."""
+    """Return the gaps of one method on one scene. `results` contains the record of each condition."""
     return dataset_gaps(metric, {"": results}, [""])
 
 
@@ -199,7 +199,7 @@ def incomparable(
     The records must have equal images, sizes, ground truth, background and definition of the metric. If both
     records have an asset, it must be the same asset. For a bake, the asset before the bake is compared. Speed
     and memory must be measured on the same device. Versions of libraries may differ between records. If
-    `one_asset` is false, two methods are compared; their backgrounds and camera conventions may differ.
+    `one_asset` is false, two methods are compared. Their backgrounds and camera conventions may differ.
     """
     for result in (first, second):
         if result is None:

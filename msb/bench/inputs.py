@@ -143,7 +143,7 @@ def find_inputs(job: Job, reader: InputReader) -> dict[PartName, PartInputs]:
             }
         if job.cell.bake is not None:
             parts |= _find_mesh_inputs(job)
-    # Input files provided by the user. Only the method's own conditions have a training record; variants,
+    # Input files provided by the user. Only the method's own conditions have a training record. Variants,
     # engines and bakes have none.
     if job.training is not None and job.cell.condition_key == condition:
         parts["training"] = {"file": reader.hash_file(job.training)}

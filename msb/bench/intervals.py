@@ -29,7 +29,7 @@ _SAME = 1e-9
 
 @dataclass(frozen=True)
 class Interval:
-    """The 95 % interval of an average, and its p value; `reason` explains a missing interval or p value."""
+    """The 95 % interval of an average, and its p value. `reason` explains a missing interval or p value."""
 
     ends: tuple[float, float] | None
     # Description of the sample: "9 scenes" or "20 views of one scene".

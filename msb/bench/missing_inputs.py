@@ -134,7 +134,7 @@ def _catch_error(check: Callable[..., object], *arguments: object) -> MsbError |
 
 
 class _Search:
-    """Checks the inputs of cells; each file is checked once."""
+    """Checks the inputs of cells. Each file is checked once."""
 
     def __init__(self, planner: Planner, errors: Sequence[MsbError]) -> None:
         self.planner, self.file, self.errors = planner, planner.file, errors
@@ -237,7 +237,7 @@ def _check_template(file: ProtocolFile, template: str, names: Mapping[str, str])
 
 
 def _check_exists(path: Path, above: Path) -> None:
-    """Raise FILE_NOT_FOUND if `path` does not exist; the error names its outermost missing folder."""
+    """Raise FILE_NOT_FOUND if `path` does not exist. The error names the outermost missing folder."""
     if not path.exists():
         below = [place for place in path.parents if place.is_relative_to(above)]
         first = next((place for place in reversed(below) if not place.exists()), path)

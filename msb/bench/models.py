@@ -86,7 +86,7 @@ def find_known_model(results: Results, task: ModelTask) -> ModelAsset | None:
 
 
 def prepare_model(task: ModelTask) -> ModelAsset:
-    """Return the model of a task; export its checkpoint to the results folder if necessary."""
+    """Return the model of a task. If necessary, export its checkpoint to the results folder."""
     results = Results(task.root)
     check_run(task.root, task.run)
     known = find_known_model(results, task)

@@ -44,7 +44,7 @@ class ViewState:
 
 
 def describe_views(scene: Scene) -> ViewState:
-    """Return the state of a scene's test views; every test photograph is read once."""
+    """Return the state of a scene's test views. Every test photograph is read once."""
     files = [(str(camera.name), _hash_sources(scene, camera)) for camera in scene.test]
     # Add the scene's settings that affect the ground truth.
     rules: list[object] = [

@@ -74,8 +74,9 @@ def find_pairs(
 ) -> list[Pair]:
     """Return the pairs of method and scene that contain a cell selected by `only` (`is_selected`).
 
-    If the protocol lists no scenes of a dataset, its folder is searched; an unreadable folder is an error. If
-    `folder_errors` is given, it receives the error of each unreadable dataset, and the dataset is skipped.
+    If the protocol lists no scenes of a dataset, the folder of the dataset is searched. An unreadable folder
+    is an error. If `folder_errors` is given, it receives the error of each unreadable dataset, and the
+    dataset is skipped.
     """
     check_names(file.path.absolute(), file.results)
     variants, bakes = file.protocol.variants, file.protocol.bakes
@@ -334,7 +335,7 @@ class Planner:
         )
 
     def scene_at(self, pair: Pair, model: ModelAsset | None, method: str) -> SceneAt:
-        """Return the scene of a pair; options of the method take precedence over options of the dataset."""
+        """Return the scene of a pair. Options of the method take precedence over options of the dataset."""
 
         def option(name: str) -> Any:
             value = getattr(pair.method, name)
@@ -419,7 +420,7 @@ def is_selected(cell: Cell, only: Sequence[str]) -> bool:
 
     A string of `only` contains patterns separated by slashes, such as "two_dts/garden". A pattern may contain
     ``*`` and ``?``. A string selects a cell if each pattern matches the cell's dataset, scene, method, label,
-    condition, variant or renderer. One matching string is enough; an empty `only` selects every cell.
+    condition, variant or renderer. One matching string is enough. If `only` is empty, every cell is selected.
     """
     return _matches((*cell.names, cell.method, cell.condition), only)
 

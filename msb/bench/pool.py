@@ -74,7 +74,7 @@ def run_all(
                 else:
                     yield waiting[number], answer
         broken.sort()
-        # The first unfinished tasks may have killed the worker; the remaining tasks are submitted again.
+        # One of the first unfinished tasks may have killed the worker. Submit the remaining tasks again.
         for number in broken[:suspects]:
             second_answer: Answer | Exception = _get_answer(
                 _submit(workers.executor(), function, waiting[number])
@@ -237,5 +237,5 @@ class DaskWorkers(Workers):
         return executor
 
     def close(self) -> None:
-        """Disconnect from the cluster; waiting tasks are dropped, and the workers continue to run."""
+        """Disconnect from the cluster. Waiting tasks are dropped, and the workers continue to run."""
         self._client.close()

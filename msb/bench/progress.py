@@ -16,11 +16,11 @@ class RemainingTime(NamedTuple):
 
 
 class Stage:
-    """One stage of a run; `end` is called after each task.
+    """One stage of a run. Call `end` after each task.
 
     Workers take tasks in order, `at_once` at a time. Therefore the current tasks are the first unfinished
     tasks. The remaining time is estimated from finished tasks of the same kind. List the following stages in
-    `then`; the estimate does not include them.
+    `then`. The estimate does not include these stages.
     """
 
     def __init__(

@@ -36,7 +36,7 @@ _MAX_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class ProtocolFile:
-    """A protocol and its file; paths in the protocol are relative to the folder of the file."""
+    """A protocol and its file. Paths in the protocol are relative to the folder of the file."""
 
     path: Path
     # The text of the protocol file, which is copied to the results.

@@ -189,7 +189,7 @@ class TrialTable(Record):
 
 
 class Protocol(Record):
-    """A protocol file; docs/protocol.md shows an example with comments."""
+    """A protocol file. docs/protocol.md shows an example with comments."""
 
     results: Annotated[str, Field(min_length=1)] = "results"
     device: str | None = None

@@ -1,8 +1,8 @@
 """Result records: JSON files with the measurements of one cell (dataset, scene, method, condition).
 
-Records are written by `msb run`; `msb report` reads only records. Values have full precision. The units are
-seconds, milliseconds, bytes and the units of the metrics. A missing value is None and has a reason. The file
-is described in docs/protocol.md.
+`msb run` writes the records, and `msb report` reads them. Values have full precision. The units are seconds,
+milliseconds, bytes and the units of the metrics. A missing value is None and has a reason. The file is
+described in docs/protocol.md.
 """
 
 import math
@@ -202,7 +202,7 @@ class Quality(_MetricValues):
 
 
 class Timing(Record):
-    """Frame times of a renderer; images are neither written nor read back.
+    """Frame times of a renderer, without writing images and without reading images back.
 
     Percentiles are over all timed frames.
     """
@@ -268,7 +268,7 @@ class Memory(Record):
     targets: Count
     # Bytes of each buffer, by the buffer's name in the renderer.
     uses: dict[str, Count]
-    # Bytes of the process on NVIDIA GPUs, measured by NVML; `driver_reason` explains a missing number.
+    # Bytes of the process on NVIDIA GPUs, measured by NVML. `driver_reason` explains a missing number.
     driver_bytes: Count | None = None
     driver_reason: str | None = None
 
@@ -324,7 +324,8 @@ class WalkDocument(Record):
     worst_frame: Count
     # Share of hole pixels (`msb.metrics.steadiness.find_holes`) among all pixels with the model or a hole.
     holes: Share
-    # Name of a film file beside the record that shows the worst second; None without the extra `video`.
+    # Name of a film file beside the record that shows the worst second. Without the extra `video`, the value
+    # is None.
     film: str | None
     seconds: Amount
 
@@ -389,7 +390,7 @@ class Result(Record):
     bake: BakeDocument | None = None
     # The folder "trial" beside the record contains the images of a trial.
     trial: TrialDocument | None = None
-    # Comparison of repairs, for exported meshes only; its images are in the folder "repairs".
+    # Comparison of repairs, for exported meshes only. The images are in the folder "repairs".
     repairs: RepairDocument | None = None
     # A walk exists only if the protocol requests it, and only for conditions that our renderers or an engine
     # draw.
@@ -461,7 +462,7 @@ def _get_bounds(image: ImageQuality) -> dict[str, tuple[float, float]]:
 
 
 def _find_quality_errors(quality: Quality) -> Iterator[tuple[str, str]]:
-    """Yield (JSON pointer, text) for each value that a comparison of images cannot produce."""
+    """Yield (JSON pointer, text) for each invalid value of an image comparison."""
     for number, identity in enumerate(quality.metrics):
         weights = identity.get("weights") if identity.get("name") == IMAGE_METRICS["lpips"].name else None
         if weights and not is_weights_record(weights):

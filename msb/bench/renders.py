@@ -61,7 +61,7 @@ def find_renders(folder: Path, cameras: Sequence[Camera]) -> Renders:
 
 
 def measure_size(path: Path) -> tuple[int, int]:
-    """Return width and height of a rendering in pixels; only the header of a PNG or JPEG is read."""
+    """Return width and height of a rendering in pixels. Only the header of a PNG or JPEG is read."""
     if path.suffix.lower() in PHOTOGRAPHS:
         return image_size(path)
     height, width = read_image(path).shape[:2]

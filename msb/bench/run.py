@@ -60,9 +60,9 @@ class CellOutcome:
     planned: Planned
     # The current record; None if a dry run finds no record.
     result: Result | None
-    # Seconds that the run spent on the cell.
+    # The reason for each missing part of the cell.
     seconds: float
-    # The reason for each missing part of the cell. The key "cell" gives the reason for a missing cell.
+    # The reason for each missing part of the cell. The reason for the whole cell has the key "cell".
     reasons: Mapping[str, Reason]
 
 
@@ -110,7 +110,7 @@ def run_protocol(
 
     The tasks run in `jobs` processes on this machine, or on the workers of a Dask `scheduler`. `only` selects
     cells (`msb.bench.plan.is_selected`), and `redo` computes finished parts again. A `dry` run does not
-    compute or write results; its report contains the plan and the missing inputs.
+    compute or write results. Its report contains the plan and the missing inputs.
     """
     start = time.perf_counter()
     watch = watch or _SilentWatch()
@@ -352,7 +352,7 @@ class _Run:
 
 
 def _find_kind(task: Any) -> str:
-    """Return the kind of a task; tasks of one kind take about the same time."""
+    """Return the kind of a task. Tasks of one kind take about the same time."""
     if isinstance(task, Job):
         return " ".join((task.cell.condition_key, *task.parts))
     if isinstance(task, BakeTask):

@@ -233,7 +233,7 @@ def _draw_grid(
 
 
 def _write_description(task: FilmTask, **axes: list[str]) -> None:
-    """Write the JSON file beside a film; `axes` lists the columns and rows of the film."""
+    """Write the JSON file beside a film. `axes` lists the columns and rows of the film."""
     description = {"schema": SCHEMA, "inputs": task.inputs, **axes, **task.options.model_dump()}
     with new_file(task.path.with_suffix(".json")) as file:
         file.write(json.dumps(description, indent=1).encode() + b"\n")

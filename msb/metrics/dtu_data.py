@@ -14,8 +14,8 @@ from msb.errors import InputError, MetricError
 from msb.meshes import read_mesh
 from msb.metrics.matlab import find_variables
 
-# Maximum number of voxels; all published scans have fewer. A larger number could exhaust the memory, because
-# zeros are compressed a thousandfold.
+# Maximum number of voxels. All published scans have fewer voxels. A larger number could exhaust the memory,
+# because zeros are compressed a thousandfold.
 _MAX_VOXELS = 1 << 29
 # Largest absolute value in a file. Values of real scans are far smaller. Computations with values up to this
 # limit do not overflow.
@@ -25,13 +25,13 @@ _SHAPES = {"BB": (2, 3), "Res": (1, 1), "P": (4, 1)}
 
 @dataclass(frozen=True, eq=False)
 class DtuScan:
-    """The evaluation data of one scan; lengths are in millimetres."""
+    """The evaluation data of one scan. Lengths are in millimetres."""
 
     # Points (N, 3) of the laser scan.
     points: NDArray[np.float64]
     # Mask (X, Y, Z) of the voxels in which a surface could be observed.
     observed: NDArray[np.bool_]
-    # Opposite corners (2, 3) of the grid; voxel (i, j, k) is centred at box[0] + resolution (i, j, k).
+    # Opposite corners (2, 3) of the grid. Voxel (i, j, k) is centred at box[0] + resolution (i, j, k).
     box: NDArray[np.float32]
     # Side length of a voxel in mm.
     resolution: float

@@ -117,7 +117,7 @@ def read_photograph_mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -
     mask, reading = read_mask(path)[..., None], scene.readings.get(str(camera.name), Reading())
     lens = reading.lens
     height, width = shape if lens is None else (lens.height, lens.width)
-    # A mask with the shape of the rotated photograph is already upright; any other mask is rotated.
+    # A mask with the shape of the rotated photograph is already upright. All other masks are rotated.
     if reading.orientation != 1 and (mask.shape[0] > mask.shape[1]) != (height > width):
         mask = _apply_reading(mask, Reading(reading.orientation))
     if mask.shape[:2] != (height, width):

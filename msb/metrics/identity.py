@@ -57,7 +57,7 @@ class Definition:
     unit: str
     # All parameters of the metric's definition.
     parameters: Mapping[str, Any]
-    # Packages whose arithmetic affects the value; their versions are recorded.
+    # Packages whose arithmetic affects the value. Their versions are recorded.
     libraries: tuple[str, ...]
     # Increase this number when a code change alters the values.
     version: int = 1
@@ -65,7 +65,7 @@ class Definition:
     def identity(
         self, *, weights: Mapping[str, Any] | None = None, **chosen: str | float | bool | None
     ) -> Identity:
-        """Return the identity of a value computed now; `chosen` overrides the parameters."""
+        """Return the identity of a value computed now. The arguments `chosen` override the parameters."""
         packages = {package: package_version(package) for package in self.libraries}
         parameters = {**self.parameters, **chosen}
         return Identity(self.name, self.version, self.better, self.unit, parameters, packages, weights)

@@ -81,7 +81,7 @@ def read_pixels(path: Path, modes: tuple[str, ...] = ("RGB", "RGBA")) -> NDArray
 
 
 def read_mask(path: Path) -> NDArray[np.uint8]:
-    """Return the first channel (H, W) of a mask; the file may also be a grey image."""
+    """Return the first channel (H, W) of a mask. The file may also be a grey image."""
     pixels = read_pixels(path, ("L", "RGB", "RGBA"))
     return pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[..., 0])
 

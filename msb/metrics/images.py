@@ -155,7 +155,7 @@ def check_pair(
 
 
 def check_image(image: ArrayLike, name: str) -> NDArray[Any]:
-    """Return an image that metrics accept; raise METRIC_IMAGE if the image called `name` is invalid."""
+    """Return an image that metrics accept. If the image called `name` is invalid, raise METRIC_IMAGE."""
     array = np.asarray(image)
     if array.ndim != 3 or array.shape[2] != 3 or array.size == 0:
         shape = " x ".join(map(str, array.shape)) or "a single value"

@@ -10,7 +10,7 @@ from msb.base.paths import given_path, normal_form
 from msb.errors import InputError, MetricError, shorten
 from msb.metrics.image_files import IMAGE_SUFFIXES
 
-# Number of names that an error message lists; further names are counted.
+# Number of names that an error message lists. Further names are counted.
 _NAMED = 5
 _PLANES = tuple(f"{kind}{suffix}" for kind in ("_depth", "_ids") for suffix in (".npy", ".exr"))
 
@@ -66,7 +66,7 @@ def _is_folder(path: Path) -> bool:
 
 
 def images_below(folder: Path) -> dict[str, Path]:
-    """Return the image files in `folder` and its subfolders by name; see `pair_images`."""
+    """Return the image files in `folder` and its subfolders, by the names that `pair_images` compares."""
 
     def reject(error: OSError) -> None:
         text = f"the folder cannot be read: {error.strerror}"

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import MetricError
 
-# Maximum number of samples of a mesh; a culled DTU scan has about ten million. The limit for sample
+# Maximum number of samples of a mesh. A culled DTU scan has about ten million. The limit for sample
 # candidates is twice this number.
 MAX_SAMPLES = 1 << 28
 # Number of sample candidates per batch.

@@ -127,7 +127,7 @@ def _sample_colors(frame: PreparedFrame, place: NDArray[np.float64]) -> Floats:
 def _project_into(
     here: PreparedFrame, camera: Camera, rows: NDArray[np.int_], columns: NDArray[np.int_], inverse: Floats
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Project the surface points of N pixels into another camera; return positions (2, N) and inverse depths.
+    """Project the surface points of N pixels into another camera. Return positions (2, N) and inverse depths.
 
     Positions are (row, column), with integers at pixel centres. Points behind the camera get positions far
     outside the image, so NaN does not occur.
@@ -162,7 +162,8 @@ def _test_depths(
 def find_surface_points(frame: PreparedFrame) -> NDArray[np.float64]:
     """Return world points (N, 3) on the surfaces of a frame, away from their borders.
 
-    The result contains every second pixel of every second row; `find_holes` fills the space between them.
+    The result contains every second pixel of every second row. The gaps between them are filled by
+    `find_holes`.
     """
     inverse, nearest, farthest = frame.inverse_depths
     inner = (farthest > 0) & (nearest - farthest <= _FLAT * nearest)

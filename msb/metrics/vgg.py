@@ -22,7 +22,7 @@ LAYERS = tuple(zip(_NUMBERS, _CHANNELS[:-1], _CHANNELS[1:], strict=True))
 # The number of channels of each compared layer: relu1_2, 2_2, 3_3, 4_3 and 5_3, all after their ReLU.
 TAPS = {2: 64, 7: 128, 14: 256, 21: 512, 28: 512}
 VGG_FILE = "vgg16-397923af.pth"
-# SHA-256 of the published weight file of torchvision; the file name contains its first eight digits.
+# SHA-256 of the published weight file of torchvision. The file name contains the first eight digits.
 VGG_SHA256 = "397923af8e79cdbb6a7127f12361acd7a2f83e06b05044ddf496e83de57a5bf0"
 # SHA-256 of weights/v0.1/vgg.pth in lpips 0.1.4.
 HEADS_SHA256 = "a78928a0af1e5f0fcb1f3b9e8f8c3a2a5a3de244d830ad5c1feddc79b8432868"

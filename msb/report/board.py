@@ -39,7 +39,7 @@ THE_PAPER = "the paper"
 _MESH = "exported_mesh"
 # Columns that follow the image quality metrics.
 _METRICS = ("fps", "p50_ms", "p95_ms", "memory", "asset_size", "nonmanifold_edge_ratio", "components")
-# Hexadecimal digits of a hash in the table of results; the table of files prints all 64 digits.
+# Hexadecimal digits of a hash in the table of results. The table of files prints all 64 digits.
 _HASH_DIGITS = 12
 # Number of hexadecimal digits of the hash added to equal names of submitters. More digits are used only if
 # the shorter name is already taken.
@@ -415,7 +415,7 @@ def _read_views(name: str, submission: Submission) -> Iterator[ComparedView]:
 
 
 def _read_image(picture: SubmittedImage, submission: Submission, number: int) -> JpegImage:
-    """Return a submitted image; `number` is the number of the view.
+    """Return a submitted image. `number` is the number of the view.
 
     Raises InputError if the image is not a small JPEG.
     """

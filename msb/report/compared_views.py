@@ -30,7 +30,7 @@ _MAX_PIXELS = 1 << 26
 
 
 def data_uri(kind: str, data: bytes) -> str:
-    """Return `data` as an address that a page can embed; `kind` is its MIME type."""
+    """Return `data` as an address that a page can embed. `kind` is the MIME type of the data."""
     return f"data:{kind};base64,{base64.b64encode(data).decode()}"
 
 

@@ -363,7 +363,7 @@ def _choose_variant_markers(numbers: Numbers, dataset: str) -> dict[str, str]:
 
 
 def _draw_legend(axes: Axes, handles: Sequence[Any] = ()) -> None:
-    """Draw a legend below the chart; `handles` are its entries (default: all).
+    """Draw a legend below the chart. `handles` are the entries of the legend (default: all).
 
     A long legend makes the chart taller.
     """

@@ -18,7 +18,7 @@ _MARKS: dict[str, Mark] = {"works": "YES", "care": "WITH CARE", "fails": "NO", "
 # Audit verdicts from the best to the worst.
 _LEVELS = {"ok": 0, "limited": 1, "bad": 2}
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-# Maximum size of a PNG in bytes (4 MiB); larger images are not embedded in a page.
+# Maximum size of a PNG in bytes (4 MiB). Larger images are not embedded in a page.
 _MAX_BYTES = 4 << 20
 
 
@@ -189,7 +189,7 @@ def _make_table(document: RepairDocument) -> Table:
 
 
 def _make_cells(strategy: Strategy, stored_faces: int) -> tuple[TableCell, ...]:
-    """Return the table cells of a strategy; `stored_faces` is the number of faces of the unrepaired mesh."""
+    """Return the table cells of a strategy. `stored_faces` is the number of faces of the unrepaired mesh."""
     passed, total = strategy.trials_passed_after, len(strategy.trials)
     tasks = TableCell(f"{passed} of {total}", float(passed), "tasks")
     return (

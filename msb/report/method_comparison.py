@@ -177,7 +177,7 @@ def _describe(comparison: Comparison, other: str) -> str:
 def _make_cells(
     comparison: Comparison, adjusted: float | None, numbers: Numbers, other: str
 ) -> tuple[TableCell, ...]:
-    """Return the table cells of a comparison; `adjusted` is its p value by Holm's method."""
+    """Return the table cells of a comparison. `adjusted` is the p value adjusted by Holm's method."""
     key, gap, interval = comparison.key, comparison.gap, comparison.gap.interval
     if gap.signed is None or interval is None:
         reason = REASONS.get(gap.reason or "", gap.reason)
@@ -201,7 +201,7 @@ def adjust_by_holm(p: list[float]) -> list[float]:
     The smallest of n values is multiplied by n, the next by n - 1, and so on. An adjusted value is at least
     as large as the value before it.
     """
-    # Visit the p values in ascending order; `least` is the previous adjusted value.
+    # Visit the p values in ascending order. `least` is the previous adjusted value.
     adjusted, least = dict.fromkeys(range(len(p)), 0.0), 0.0
     for rank, place in enumerate(sorted(adjusted, key=p.__getitem__)):
         least = adjusted[place] = max(least, min(1.0, p[place] * (len(p) - rank)))

@@ -215,7 +215,10 @@ class Numbers:
         return list(dict.fromkeys(key.scene for key in self._keys.get(dataset, ()) if key.scene not in MEANS))
 
     def conditions(self, dataset: str) -> list[str]:
-        """Return the conditions with images. Each tier precedes its variants or engines; bakes are last."""
+        """Return the conditions with images.
+
+        Each tier precedes its variants or engines, and bakes are last.
+        """
         conditions = dict.fromkeys(
             key.condition
             for key in self._keys.get(dataset, ())

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from msb.report.verdict import Verdict
 
 FORMATS: tuple[ReportFormat, ...] = ("md", "tex", "csv", "json", "html")
-# Maximum size of an embedded film in bytes (4 MiB); pages link to larger films.
+# Maximum size of an embedded film in bytes (4 MiB). Pages link to larger films.
 MAX_EMBEDDED_FILM = 4 << 20
 
 

@@ -105,8 +105,8 @@ class _PublishedTable(BaseModel):
 def paper_numbers(*tables: str) -> Numbers:
     """Return the numbers of the paper's tables in the paper's order.
 
-    `tables` are labels; by default all tables are read. If two tables contain different numbers for one key,
-    both numbers are kept under different values of `Key.source`.
+    `tables` are labels of tables. By default, all tables are read. If two tables contain different numbers
+    for one key, both numbers are kept under different values of `Key.source`.
     """
     values: dict[Key, Number] = {}
     for label in tables or PAPER_TABLES:

@@ -109,7 +109,7 @@ def read_results(*folders: str | os.PathLike[str], allow_mixed: bool = False) ->
 
 
 def result_set(records: Sequence[LoadedResult], *, allow_mixed: bool = False) -> ResultSet:
-    """Return `records` by asset and condition; raises UsageError like `read_results`."""
+    """Return `records` by asset and condition. The errors are those of `read_results`."""
     conflicts = _find_conflicts(records)
     names = _shorten_folders(records)
     records = [

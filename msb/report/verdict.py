@@ -217,9 +217,9 @@ def _judge_speed(condition: str, record: Result) -> Statement:
 
 
 def _format_milliseconds(value: float) -> str:
-    """Return a time as text, with enough decimals to distinguish it from a limit:
+    """Return a time as text, such as "16.2 ms".
 
-    "16.2 ms", but "16.69 ms".
+    The text has enough decimals to distinguish the time from a limit, such as "16.69 ms".
     """
     # Add decimals until the printed time differs from both limits.
     for decimals in (1, 2, 3):
@@ -254,7 +254,7 @@ def _judge_bake(condition: str, record: Result) -> Statement:
 
 
 def _make_notes(place: Place, numbers: Numbers, records: Mapping[str, Result]) -> Iterator[Statement]:
-    """Yield notes on training, memory, size and accuracy; these notes have no mark."""
+    """Yield notes on training, memory, size and accuracy. These notes have no mark."""
     texts = dict.fromkeys(text for record in records.values() for text in record.trained)
     if texts:
         yield Statement("NOTE", "Training", f"{_capitalize('; '.join(texts))}.")
@@ -289,7 +289,9 @@ class Similarity(NamedTuple):
 
 
 def measure_similarity(first: LoadedResult, second: LoadedResult) -> Similarity | None:
-    """Return the PSNR between the renderings of two records; None if files are missing or have changed.
+    """Return the PSNR between the renderings of two records.
+
+    If files are missing or have changed, return None.
 
     The PSNR of a view is capped at 100 dB, the value for equal images.
     """

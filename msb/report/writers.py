@@ -98,7 +98,7 @@ def to_latex(table: Table) -> str:
 
 
 def to_csv(table: Table) -> str:
-    """Return the table as CSV with printed values; the last column, Source, is "ours" or "paper"."""
+    """Return the table as CSV with printed values. The last column, Source, contains "ours" or "paper"."""
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     heads = [*table.heads, *(column.full_title for column in table.columns)]

@@ -49,8 +49,8 @@ def make_turntable(
 ) -> list[Camera]:
     """Return `count` turntable cameras around the asset, at `elevation` degrees above the horizon.
 
-    `up` is the axis of the turntable, such as "+y"; the default is the asset's `up_axis`. Pass the visible
-    part as `framing`; the default is all faces except far outliers. Raise CAMERA_PATH if the asset is too
+    `up` is the axis of the turntable, such as "+y". The default is the asset's `up_axis`. Pass the visible
+    part as `framing`. The default is all faces except far outliers. Raise CAMERA_PATH if the asset is too
     large or too far away for cameras.
     """
     sphere = framing or find_framing(asset)
@@ -128,7 +128,7 @@ def _check_reach(asset: Asset, sphere: Framing, distance: float) -> None:
 
 
 class Bulk(NamedTuple):
-    """The region with most faces of an asset, computed in float64 from a sample of the faces.
+    """The region with most faces of an asset. The region is computed in float64 from a sample of the faces.
 
     Outliers are ignored.
     """

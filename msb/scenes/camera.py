@@ -33,7 +33,7 @@ _Frame = TypeVar("_Frame", bound=Any)
 class Camera:
     """A pinhole camera: x_camera = W x_world, then u = fx x / z + cx, v = fy y / z + cy.
 
-    Axes follow OpenCV: x right, y down, z forward. Pixel (0, 0) has its centre at u, v = (0.5, 0.5); the
+    Axes follow OpenCV: x right, y down, z forward. Pixel (0, 0) has its centre at u, v = (0.5, 0.5). The
     image spans u in [0, width] and v in [0, height].
 
     Parameters
@@ -62,7 +62,7 @@ class Camera:
         (`msb.scenes.turntable`).
     distortion : Distortion, optional
         The distortion of the lens that took the photograph at `image_path`. Projection and renderers ignore
-        the distortion; `msb.scenes.lenses` undistorts photographs.
+        the distortion. Photographs are undistorted by `msb.scenes.lenses`.
 
     Raises
     ------

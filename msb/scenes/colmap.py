@@ -100,7 +100,7 @@ def read_model(folder: Path) -> list[Camera]:
 
 
 def _check_unique(what: str, records: Iterable[_Record], source: Source) -> Iterator[_Record]:
-    """Yield the records of a file; raise an error for a repeated id."""
+    """Yield the records of a file. A repeated id is an error."""
     seen: set[int] = set()
     for record in records:
         if record.number in seen:

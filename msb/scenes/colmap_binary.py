@@ -31,7 +31,7 @@ _POINTS_AT_A_TIME = 1 << 14
 
 
 class _Cursor:
-    """A read position in a binary file; it never moves past the end of the file."""
+    """A read position in a binary file. The position never moves past the end of the file."""
 
     def __init__(self, source: Source) -> None:
         self.source = source
@@ -97,7 +97,7 @@ def count_shots(source: Source) -> int:
 
 
 def read_shots(source: Source) -> Iterator[Shot]:
-    """Yield the records of images.bin; the 2D points are skipped."""
+    """Yield the records of images.bin, without the 2D points."""
     cursor = _Cursor(source)
     for index in range(cursor.count("images", _SHOT.size + 1 + _COUNT.size)):
         pointer, what = cursor.pointer, f"image {index}"

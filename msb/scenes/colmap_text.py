@@ -143,7 +143,7 @@ class _Line:
 
 
 def _lines(source: Source) -> Iterator[_Line]:
-    """Yield each line; the first is line 1."""
+    """Yield each line. The first line has the number 1."""
     data, size = source.data, len(source.data)
     at = len(_BYTE_ORDER_MARK) if bytes(data[:3]) == _BYTE_ORDER_MARK else 0
     index = 0

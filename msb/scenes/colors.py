@@ -42,7 +42,7 @@ def unit_color(values: Iterable[float | str]) -> Color | None:
 def check_background(background: object, official: object = None) -> Color:
     """Return a background as a colour.
 
-    Three finite numbers are returned as a tuple; a text is parsed by `parse_color`.
+    Three finite numbers are returned as a tuple. A text is parsed by `parse_color`.
     """
     color = parse_color(background, official) if isinstance(background, str) else _three_numbers(background)
     if color is None:

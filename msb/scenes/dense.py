@@ -7,7 +7,7 @@ from the object, so the opacity per volume is compared instead of distances.
 import numpy as np
 from numpy.typing import NDArray
 
-# Share of the opacity ignored at each end of an axis when the range is measured. The opacity grid is five
+# Share of the opacity to ignore at each end of an axis when the range is measured. The opacity grid is five
 # times as long as the measured range, with the range in its middle.
 _TAIL = 0.02
 # Number of grid cells along the longest side of the measured range.
@@ -20,7 +20,7 @@ _MIN_PART = 0.02
 
 
 def find_dense(points: NDArray[np.floating], weight: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Return a mask (N,) of the points in the dense parts; `weight` (N,) is the opacity of each point.
+    """Return a mask (N,) of the points in the dense parts. `weight` (N,) is the opacity of each point.
 
     All points are returned if their range is empty or not finite. O(N) time.
     """

@@ -27,7 +27,7 @@ _MOST_BYTES = 1 << 23
 _SCATTERED = (b"II*\0", b"MM\0*", b"RIFF")
 _BOX = b"ftyp"
 _HEIC = (b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1")
-# EXIF tag of the orientation. The value 1 is upright; 5 to 8 swap the axes.
+# EXIF tag of the orientation. The value 1 means upright, and the values 5 to 8 swap the axes.
 _ORIENTATION = 0x0112
 
 

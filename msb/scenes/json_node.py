@@ -55,7 +55,7 @@ class Node:
         return describe(self.value)
 
     def wrong_type(self, wanted: str) -> SceneError:
-        """Return the error that this value has a wrong type; `wanted` describes the valid type."""
+        """Return the error for a value of a wrong type. `wanted` describes the valid type."""
         return self.error("CAMERA_FILE", f"it is {self.abbreviated()}; it must be {wanted}")
 
     def get(self, key: str) -> Node | None:
@@ -67,7 +67,7 @@ class Node:
         return Node(self.source, self.value[key], f"{self.pointer}/{escape(key)}")
 
     def __getitem__(self, key: str) -> Node:
-        """Return the member `key` of this object; a missing key is an error."""
+        """Return the member `key` of this object. A missing key is an error."""
         member = self.get(key)
         if member is None:
             raise self.error("CAMERA_FILE", f'it does not have the key "{key}"')

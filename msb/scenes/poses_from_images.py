@@ -158,7 +158,7 @@ class _Job:
             return future.result()
 
     def _count(self, table: str) -> int:
-        """Return the number of rows of a database table; 0 while the database is locked or empty."""
+        """Return the number of rows of a database table. While the database is locked or empty, return 0."""
         with contextlib.suppress(sqlite3.Error):
             place = f"{self._database.absolute().as_uri()}?mode=ro"
             with contextlib.closing(sqlite3.connect(place, uri=True, timeout=0.05)) as database:

@@ -1,4 +1,4 @@
-"""Read cameras from a path; the existing files decide which reader is used."""
+"""Read cameras from a path. The files at the path determine the reader."""
 
 import os
 from pathlib import Path
@@ -78,7 +78,7 @@ def _read_folder(folder: Path) -> list[Camera]:
 
 
 def _read_json(source: Source) -> list[Camera]:
-    """Return the cameras of a JSON file; its content decides the format."""
+    """Return the cameras of a JSON file. The content of the file determines its format."""
     if source.path.suffix.lower() in (".bin", ".txt"):
         raise source.error("CAMERA_SOURCE", "it is a file of a COLMAP model; pass the model's folder")
     if source.path.suffix.lower() != ".json":

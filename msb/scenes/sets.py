@@ -13,7 +13,7 @@ HOLD = 8
 
 
 def check_cameras(cameras: Iterable[Camera]) -> list[Camera]:
-    """Return the cameras that a caller passed as a list; raise a usage error for any other value."""
+    """Return the cameras that a caller passed as a list. Any other value is a usage error."""
     listed = list(cameras) if isinstance(cameras, Iterable) else None
     if listed is None or not all(isinstance(camera, Camera) for camera in listed):
         text = f"cameras is {shorten(repr(cameras), 40)}; it must be a sequence of msb.Camera"

@@ -24,11 +24,11 @@ class Source:
 
     @classmethod
     def open(cls, path: Path) -> Source:
-        """Map the regular file at `path`; pipes and devices are never opened."""
+        """Map the regular file at `path`. Pipes and devices are never opened."""
         return cls(path, map_file(path))
 
     def error(self, code: str, message: str, *, pointer: str | None = None) -> SceneError:
-        """Return an error about this file; the message begins with `pointer`, if it is given."""
+        """Return an error about this file. If `pointer` is given, the message begins with it."""
         text = f"{pointer}: {message}" if pointer else message
         return SceneError(code, text, file=self.path, pointer=pointer)
 

@@ -39,7 +39,7 @@ def read(root: Node) -> list[Camera]:
 
 
 def _first_size(root: Node, files: SpelledFiles) -> tuple[int, int] | None:
-    """Return the size of the first readable image; None if no image can be read."""
+    """Return the size of the first readable image. If no image can be read, return None."""
     for frame in root["frames"].items():
         with contextlib.suppress(InputError, SceneError):
             name = image_name(frame["file_path"].text())
@@ -55,7 +55,7 @@ def _camera(
     split: Split | None,
     usual_size: Callable[[], tuple[int, int] | None],
 ) -> Camera:
-    """Return the camera of one frame; keys of the frame take precedence over keys of the document."""
+    """Return the camera of one frame. Keys of the frame take precedence over keys of the document."""
 
     def find(key: str) -> Node | None:
         return frame.get(key) or root.get(key)

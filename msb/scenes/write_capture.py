@@ -37,13 +37,13 @@ def write_capture(
     *,
     overwrite: bool = False,
 ) -> None:
-    """Write a scene to a new folder; its views must have the size of their photographs.
+    """Write a scene to a new folder. The views of the scene must have the size of their photographs.
 
     The folder contains `images` with the names of the photographs, and `sparse/0` with PINHOLE cameras and
-    `points` as COLMAP text. A scene with mask files adds `masks`; a recorded split adds `train_list.txt` and
-    `test_list.txt`. Pixels are stored losslessly as PNG, whatever suffix a name has. Programs recognise the
-    image type by its content. `step` is called after each photograph. A failure does not leave a partial
-    folder.
+    `points` as COLMAP text. If a scene has mask files, `masks` is added. If it has a recorded split,
+    `train_list.txt` and `test_list.txt` are added. Pixels are stored losslessly as PNG, whatever suffix a
+    name has. Programs recognise the image type by its content. `step` is called after each photograph. A
+    failure does not leave a partial folder.
     """
     views = sorted((*scene.train, *scene.test), key=lambda view: str(view.name))
     names = _names_below_images([str(view.name) for view in views])

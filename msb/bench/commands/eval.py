@@ -90,7 +90,7 @@ def evaluate(
 def _write_photographs(
     path: Path, folder: Path, reading: SceneOptions, color: Color | None, output: Output
 ) -> dict[Path, Path]:
-    """Write the prepared test photographs of a scene; return the photograph of each written file."""
+    """Write the prepared test photographs of a scene, and return the photograph of each written file."""
     from msb.metrics.ground_truth import ground_truth
     from msb.render.images import image_names, write_image
     from msb.scenes import read_scene
@@ -219,7 +219,7 @@ class _Comparison:
         }
 
     def print_table(self, rows: list[dict[str, Any]], data: dict[str, Any]) -> None:
-        """Print the table of metrics; with --quiet only the averages."""
+        """Print the table of metrics. With --quiet, print the averages only."""
         from msb.metrics.images import PSNR_CAP
         from msb.metrics.vgg import weights_source
 

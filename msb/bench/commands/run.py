@@ -83,7 +83,10 @@ class RunOptions:
     ] = None
 
     def read_protocol(self, path: Path, reading: SceneOptions) -> ProtocolFile:
-        """Return the protocol at `path`; with --scene, a protocol for the asset at `path` on that scene."""
+        """Return the protocol at `path`.
+
+        With --scene, return a protocol for the asset at `path` on that scene.
+        """
         from msb.bench.protocol import make_single_protocol, read_protocol
 
         if self.scene is not None:
@@ -358,7 +361,10 @@ def _describe_stage(stage: Stage) -> str:
 
 
 def _name_current(stage: Stage) -> list[str]:
-    """Return the first current task and the number of other tasks as text; empty without a task."""
+    """Return the first current task and the number of other current tasks as text.
+
+    Without a task, return "".
+    """
     names = stage.current
     more = f" and {len(names) - 1} more" if len(names) > 1 else ""
     return [f"{names[0]}{more}"] if names else []

@@ -9,7 +9,7 @@ from msb.cli.command import command
 from msb.cli.output import JsonOutput, echo
 from msb.report.table import Table
 
-# Rows of texts; the first row is the header.
+# Rows of texts. The first row is the header.
 TextRows = list[tuple[str, ...]]
 
 

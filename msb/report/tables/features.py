@@ -34,7 +34,10 @@ def native_features(methods: Iterable[Method] | None = None) -> Table:
 
 
 def deployment_features(methods: Iterable[Method] | None = None) -> Table:
-    """Return the features of each method that each tier keeps; `methods` are all methods by default."""
+    """Return the features of each method in `methods` that each tier keeps.
+
+    By default, all methods are included.
+    """
     rows = [
         TableRow(
             (method.title,),

@@ -122,7 +122,7 @@ def scene_gaps_table(numbers: Numbers, place: Place) -> Table:
             rows.append(TableRow(labels, tuple(cells[name] for name in columns)))
     return Table(
         "gaps",
-        "Quality lost from condition to condition.",
+        "Loss of quality between conditions.",
         ("Metric", "Through") if variants else ("Metric",),
         tuple(_COLUMNS[name] for name in columns),
         tuple(rows),

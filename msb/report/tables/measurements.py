@@ -155,7 +155,7 @@ def _floor_rows(numbers: Numbers, dataset: str) -> list[RowSpec]:
 
 
 def native_summary(numbers: Numbers, paper: Numbers | None = None) -> Table:
-    """Return the results of the methods with their native renderers; the best method of a dataset is bold."""
+    """Return the results of the methods with their native renderers. The best method of a dataset is bold."""
     return make_table(
         numbers,
         paper,
@@ -170,7 +170,7 @@ def native_summary(numbers: Numbers, paper: Numbers | None = None) -> Table:
 
 
 def native_comprehensive_results(numbers: Numbers, paper: Numbers | None = None) -> Table:
-    """Return the columns of `native_summary` for each scene and mean; the best method of a scene is bold."""
+    """Return the columns of `native_summary` for each scene and mean. The best method of a scene is bold."""
     return make_table(
         numbers,
         paper,
@@ -190,7 +190,7 @@ def native_comprehensive_results(numbers: Numbers, paper: Numbers | None = None)
 
 
 def renderer_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return a row per condition and metric, and a column per method; the best condition is bold.
+    """Return a row per condition and metric, and a column per method. The best condition is bold.
 
     Standard comes before Dedicated, as in the paper.
     """

@@ -41,8 +41,8 @@ def capture(
 
     pycolmap finds camera poses, the lens and points (extra capture). The scene has undistorted, losslessly
     stored images and pinhole cameras, like scenes written by msb scenes --undistort. Take sharp photographs
-    that overlap by two thirds and show nothing that moves. The recovered coordinates have no unit; --scale
-    and --known-distance set one.
+    that overlap by two thirds and show nothing that moves. The recovered coordinates have no unit. Use
+    --scale or --known-distance to set a unit.
     """
     require(options.out, "Missing output. Pass -o with the folder to write, for example -o scene")
     assert options.out is not None

@@ -34,7 +34,7 @@ class ImageFolder:
 
 @dataclass(frozen=True)
 class SceneReport:
-    """The content of a scene's folder; either `scene` or `error` is None.
+    """The content of a scene's folder. Either `scene` or `error` is None.
 
     `points` is the number of SfM points, or None if they cannot be read. `unused` lists unused files, each
     with the reason. `deviations` lists the differences between our rules and each method's official code.
@@ -129,7 +129,7 @@ def _describe_evaluation(scene: Scene) -> dict[str, Any]:
 
 
 def describe_scene(path: Path, **options: Any) -> SceneReport:
-    """Return a report on the scene at `path`; `options` are passed to `read_scene`.
+    """Return a report on the scene at `path`. The `options` are passed to `read_scene`.
 
     The path must be a folder that `find_layout` recognises. Errors about the scene's content are stored in
     the report instead of raised.

@@ -66,13 +66,13 @@ def folders(path: Path) -> Iterator[Path]:
 
 
 def images_in(folder: Path) -> list[Path]:
-    """Return the image files in `folder`, sorted by name; empty if the folder does not exist."""
+    """Return the image files in `folder`, sorted by name. If the folder does not exist, the list is empty."""
     images = (child for child in _children(folder) if child.suffix.lower() in IMAGE_SUFFIXES)
     return [image for image in images if is_file(image)]
 
 
 def _children(folder: Path) -> list[Path]:
-    """Return the sorted content of a folder; empty if it cannot be read."""
+    """Return the sorted content of a folder. If the folder cannot be read, the list is empty."""
     with contextlib.suppress(OSError):
         return sorted(folder.iterdir())
     return []

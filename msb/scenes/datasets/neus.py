@@ -22,7 +22,7 @@ MATRICES = "cameras.npz"
 # Largest accepted size in bytes of the file of a 4 x 4 matrix. Real files have a few hundred bytes. Checked
 # before decompression.
 _MAX_MEMBER = 4096
-# Largest number of views that are read; DTU has 49 or 64.
+# Largest number of views that are read. DTU has 49 or 64 views.
 _MAX_VIEWS = 4096
 
 
@@ -92,7 +92,7 @@ def read_neus(path: Path, images: Sequence[Path]) -> list[Camera]:
     cameras = []
     for index, image in enumerate(images):
         with source.locating(f"world_mat_{index}"):
-            with np.errstate(all="ignore"):  # matrices may overflow; `decompose` rejects them
+            with np.errstate(all="ignore"):  # matrices may overflow, and `decompose` rejects them
                 projection = world[index] @ scale[index]
             lens, pose = decompose(projection)
             size = image_size(image)

@@ -37,7 +37,7 @@ def note_scaled_cameras(scenes: Iterable[Scene]) -> str | None:
 
 
 def _describe_scaling(scene: Scene) -> str | None:
-    """Return the sentence about one scene; None if the sizes are close."""
+    """Return the sentence about one scene. If the sizes are close, return None."""
     view = scene.test[0]
     recorded, used = view.source_size or (view.width, view.height), (view.width, view.height)
     stored = None if view.image_path is None else _read_size(view.image_path)
@@ -92,7 +92,7 @@ def find_photographs(path: str | os.PathLike[str], cameras: Sequence[Camera]) ->
 
 
 def _read_size(file: Path) -> Size | None:
-    """Return the size of an image; None if it is missing or cannot be read."""
+    """Return the size of an image. If the image is missing or cannot be read, return None."""
     with contextlib.suppress(MsbError):
         return image_size(file) if is_file(file) else None
     return None

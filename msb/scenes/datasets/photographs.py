@@ -322,7 +322,7 @@ def _find_mask_files(
     image_folder: str,
     warnings: list[Finding],
 ) -> tuple[MaskSource | None, Mapping[str, Path]]:
-    """Find the masks of a capture by their names; a few views may lack a mask.
+    """Find the masks of a capture by their names. A few views may lack a mask.
 
     The mask of images/a.jpg is called masks/a.jpg, masks/a.jpg.png (as in COLMAP) or masks/a.png. The mask of
     images_2/a.jpg may also be in masks_2.

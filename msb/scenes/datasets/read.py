@@ -32,7 +32,7 @@ from msb.scenes.datasets.scene import MaskSource, Scene
 from msb.scenes.datasets.splits import SplitViews, check_split, read_mask_paths, split_views
 from msb.scenes.image_size import read_header
 
-# gs_fov may move the principal point by this distance in pixels without a warning.
+# Maximum distance in pixels by which gs_fov may move the principal point without a warning.
 MAX_SHIFT = 0.5
 
 
@@ -77,8 +77,8 @@ def read_scene(
     Returns
     -------
     Scene
-        The scene. Only the headers of photographs are read; `msb.metrics.ground_truth` rotates, undistorts
-        and masks the photographs. In captures outside the benchmark, views without a photograph are removed
+        The scene. Only the headers of photographs are read. Rotating, undistorting and masking is done by
+        `msb.metrics.ground_truth`. In captures outside the benchmark, views without a photograph are removed
         with a warning, before the views are split. Scenes of the benchmark keep such views, but all their
         test photographs must exist.
 
@@ -172,7 +172,7 @@ def _locate_views(root: Path, layout: Layout, by: Rules, folder: str, *, is_requ
 
 
 def scene_of_cameras(folder: Path, cameras: Sequence[Camera]) -> Scene:
-    """Return a capture from a folder of photographs; all views are training views at their full size."""
+    """Return a capture from a folder of photographs. All views are training views at their full size."""
     warnings: list[Finding] = []
     located = locate_photographs(folder, "colmap", cameras, ".", is_requested=False)
     views = [replace(view, split="train") for view in located]
@@ -300,7 +300,7 @@ def _absolute_path(root: Path) -> Path:
 
 
 def _require_layout(root: Path) -> Layout:
-    """Return the layout of a scene's folder; raise an error if it is not a scene."""
+    """Return the layout of a scene's folder. If the folder is not a scene, raise an error."""
     check_folder(root)
     layout = find_layout(root)
     if layout is None:
@@ -320,7 +320,7 @@ def rules_of(name: str) -> Rules:
 
 
 def _check_color(values: Sequence[float]) -> Color:
-    """Return the background as a colour; each channel must be from 0 to 1."""
+    """Return the background as a colour. Each channel must be from 0 to 1."""
     if len(values) != 3 or not all(0 <= value <= 1 for value in values):
         text = f"the background is {shorten(repr(values), 60)}; it must be red, green and blue from 0 to 1"
         raise SceneError("SCENE_ARGUMENT", text)
@@ -354,7 +354,7 @@ class SceneAt:
 
     @lru_cache(maxsize=8)  # noqa: B019 - at most eight scenes stay in memory
     def read(self) -> Scene:
-        """Return the scene; recently read scenes are cached."""
+        """Return the scene. Recently read scenes are cached."""
         return read_scene(**{key: value for key, value in vars(self).items() if key != "name"})
 
 
@@ -395,7 +395,7 @@ def scene_of(
     resolution: int | None = None,
     camera_convention: Convention | None = None,
 ) -> Scene:
-    """Return a scene prepared to evaluate the method of a model; raises the errors of `read_scene`."""
+    """Return a scene prepared to evaluate the method of a model. The errors are those of `read_scene`."""
     place = given_path(path)
     notes: list[Finding] = []
     at = scene_at(

@@ -102,6 +102,6 @@ class Scene:
 
     @cached_property
     def up(self) -> tuple[float, float, float]:
-        """The unit vector that points up in the world of the capture; see `find_up`."""
+        """The unit vector that points up in the world of the capture (`find_up`)."""
         x, y, z = find_up([*self.train, *self.test]).tolist()
         return x, y, z
