@@ -405,7 +405,7 @@ def _above(target: Path) -> Path:
 
 
 def _check_folder(target: Path, above: Path) -> None:
-    """Reject a target below a file. The system's own error would be only "File exists"."""
+    """Reject a target below a file. The operating system reports only "File exists" in this case."""
     if not above.is_dir():
         raise OutputError("OUTPUT_UNWRITABLE", f"it cannot be written: {above} is not a folder", file=target)
 

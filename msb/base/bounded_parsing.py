@@ -56,7 +56,7 @@ def _children(value: dict[str, Any] | list[Any]) -> list[Any]:
 
 
 def _deepest(token: re.Pattern[str], text: str) -> int:
-    """Return the deepest nesting of brackets or the largest number of dots in a key, whichever is larger.
+    """Return the larger of two numbers: the nesting depth of brackets, and the number of dots in a key.
 
     The number of dots is limited, because the TOML library takes quadratic time for dotted keys.
     """

@@ -11,7 +11,8 @@ from pathlib import Path
 from msb.base.paths import given_path
 from msb.errors import InputError, shorten
 
-# Flags of `os.open`. O_NONBLOCK avoids a wait if another program replaces the file by a pipe.
+# Flags of `os.open`. With O_NONBLOCK, opening does not wait if another program has replaced the file by a
+# pipe.
 READ_ONLY = (
     os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
 )
@@ -124,7 +125,7 @@ def map_descriptor(descriptor: int, most: int | None = None) -> mmap.mmap | byte
 def open_error(error: OSError | ValueError, path: object, what: str = "file") -> InputError:
     """Convert an operating system error about `path` to an error of msb.
 
-    In the message, the path is called a `what`, such as "file".
+    The message names the kind of path, `what`, such as "file".
     """
     if is_missing(error):
         return InputError("FILE_NOT_FOUND", f"this {what} does not exist", file=path)
@@ -132,7 +133,7 @@ def open_error(error: OSError | ValueError, path: object, what: str = "file") ->
 
 
 def check_folder(path: Path, what: str = "folder") -> None:
-    """Check that `path` is an existing folder. In the message, the path is called a `what`."""
+    """Check that `path` is an existing folder. The message names the kind of path, `what`."""
     if not is_folder(path):
         if os.path.lexists(path):
             raise InputError("FILE_UNREADABLE", f"it is not a {what}", file=path)

@@ -18,8 +18,8 @@ NO_ORIGIN: Origin = (0.0, 0.0, 0.0)
 # this distance, float32 moves vertices by at most 2e-6 of the mesh size. A survey of 150 km in UTM
 # coordinates is 36 times its size away from zero.
 _FAR = 32.0
-# Origins lie on a grid with this number of steps across the mesh. With more steps, the origin's decimals get
-# longer.
+# Origins lie on a grid with this number of steps across the mesh. A finer grid would need more decimals for
+# the origin.
 _STEPS = 16
 # Below this mesh size, float32 cannot store positions relative to an origin.
 _TINY = 1e-30

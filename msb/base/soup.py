@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 def is_soup(faces: NDArray[Any]) -> bool:
     """Return whether faces (F, 3) are a triangle soup, in which no two faces use the same vertex.
 
-    If a face lists a vertex twice, the face uses the vertex once.
+    A face that lists a vertex twice is one use of this vertex.
     """
     # Count the faces that use each vertex, (V,).
     a, b, c = faces.T

@@ -33,7 +33,7 @@ class Metric(NamedTuple):
     # Whether higher or lower values are better; None for a metric without a direction.
     better: Better | None
     get: Callable[[Result], float | None]
-    # Number of record units in a printed unit: 60 if seconds are printed as minutes.
+    # Factor between the printed unit and the unit of the records: 60 if seconds are printed as minutes.
     scale: float = 1.0
 
     @property

@@ -145,8 +145,8 @@ def _is_valid(part: PartName, job: Job, old: Result) -> bool:
     if requested is not None:
         return recorded == requested
     # The current inputs of the part are unknown, because the protocol no longer requests the part. A part is
-    # valid if it shares its inputs with the images or the audit, and these inputs are unchanged. Also, timing
-    # and walk must have the same rendering options as the images.
+    # valid if it shares its inputs with the images or the audit, and these inputs are unchanged. For timing
+    # and walk, the rendering options must also be the same as for the images.
     present = {name: value for main in MAIN for name, value in job.requested.get(main, {}).items()}
     images = job.requested.get("quality", {}).keys()
     same_options = (

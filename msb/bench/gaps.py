@@ -58,7 +58,7 @@ class Gap:
     mean_abs_scene_gap: float | None = None
     scenes: int = 1
     expected: int = 1
-    # The average of each condition over the scenes of the gap. Other tables may average over more scenes.
+    # The average of each condition, over the scenes of the gap. Other tables may average over more scenes.
     ends: tuple[float, float] | None = None
     # The 95 % interval of `signed`, computed from the losses in single views. If only the two averages are
     # known, the interval is None.
@@ -189,7 +189,7 @@ def slowdown(
 def incomparable(
     metric: str, first: Result | None, second: Result | None, *, one_asset: bool = True
 ) -> str | None:
-    """Return the reason that makes `metric` incomparable between two records, or None.
+    """Return the reason that `metric` cannot be compared between two records, or None.
 
     The reasons are "unsupported", "failed", "missing" (no record), "not_measured" (no value in the record),
     "camera_mismatch" (different views or image sizes), "setup_mismatch" (different background or ground
@@ -277,7 +277,7 @@ def _compute_gap(metric: str, first: float | None, second: float | None) -> Gap:
 
 
 def _combine(metric: str, gaps: Mapping[GapName, Gap], *, same_scenes: bool = True) -> Gaps:
-    """Return the three gaps of a metric with their monotonicity and triangle excess."""
+    """Return the three gaps of a metric, with their excess and whether the values are monotone."""
     adapt, port, deploy = gaps["adapt"], gaps["port"], gaps["deploy"]
     monotone: bool | None = None
     excess: float | None = None

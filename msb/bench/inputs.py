@@ -3,8 +3,8 @@
 A part with a changed input is computed again.
 
 Versions of libraries are recorded but are not inputs, so an update of NumPy does not repeat any rendering.
-The device is an input of timings only, because images agree between devices. A record still names the device
-that rendered its images.
+The device is an input of timings only, because all devices draw the same images. A record still names the
+device that rendered its images.
 """
 
 import contextlib

@@ -67,8 +67,8 @@ def view_values(result: Result, metric: str) -> dict[str, float]:
 def interval(scenes: Sequence[Sequence[float]]) -> Interval:
     """Return the 95 % confidence interval of an average over scenes.
 
-    `scenes` contains the values of all views of each scene. A value can be a metric of one condition, or the
-    difference between two conditions. A scene's value is the average over its views. If there is only one
+    `scenes` contains, for each scene, the values of all views. A value can be a metric of one condition, or
+    the difference between two conditions. A scene's value is the average over its views. If there is only one
     scene, the interval is over its views.
     """
     counts = [len(values) for values in scenes]

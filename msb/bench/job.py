@@ -27,7 +27,7 @@ PartInputs = dict[str, str]
 
 @dataclass(frozen=True)
 class Job:
-    """One benchmark cell, and its parts that a worker computes."""
+    """One benchmark cell, with the parts to compute."""
 
     root: Path
     run: str

@@ -117,9 +117,7 @@ def find_start_errors(file: ProtocolFile, note: Callable[[str], None]) -> Iterat
     ]
     if file.protocol.videos is not None:
         checks.append(lambda: need_extra("video", "av", what="[videos]"))
-    if (
-        place is not None
-    ):  # if the extra is missing, `load` does not reach the weight file, so check the file separately
+    if place is not None:  # without the extra, `load` does not read the weight file, so check the file here
         checks += [load, lambda: regular_file(place)]
     yield from filter(None, map(_catch_error, checks))
 

@@ -150,7 +150,9 @@ class _RenderedImages:
 
 
 def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
-    """Return the renderer for the asset of a cell. Pass another `asset` to replace the asset.
+    """Return the renderer for the asset of a cell.
+
+    If `asset` is given, the renderer draws this asset instead.
 
     The renderer omits buffers that are only needed by other commands.
     """

@@ -54,7 +54,8 @@ WALKED: tuple[Condition, ...] = ("dedicated", "standard")
 # Names of bake conditions begin with this word.
 BAKED = "baked"
 
-# Tolerance for recorded averages: larger than rounding errors, and smaller than the last printed digit.
+# Tolerance for recorded averages. The tolerance is larger than rounding errors, and smaller than the last
+# printed digit.
 _ROUNDING = {"rel_tol": 1e-9, "abs_tol": 1e-9}
 
 # Larger numbers in any part of a record are rejected. Sums and squares of accepted numbers do not overflow.
@@ -262,7 +263,7 @@ class Memory(Record):
 
     geometry: Count
     appearance: Count
-    # Bytes of sort order, tile lists and other intermediate data of a frame.
+    # Bytes of intermediate data of a frame, such as the sort order and tile lists.
     scratch: Count
     # Bytes of colour and depth images.
     targets: Count

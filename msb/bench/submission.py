@@ -56,7 +56,10 @@ def _keep(*names: str) -> dict[str, Any]:
 
 
 class _Values(NamedTuple):
-    """A mapping with arbitrary keys. Each value of the mapping has the same published fields."""
+    """The rule for a mapping with arbitrary keys.
+
+    All values of the mapping have the same published fields.
+    """
 
     fields: Any
 
@@ -73,7 +76,7 @@ def _list_published_fields() -> dict[str, Any]:
 
     The rule for a field is a nested mapping, `_KEEP`, or a constant.
 
-    A constant replaces every published value of the field except None.
+    If a field has a constant, every value except None is replaced by the constant.
     """
     metrics = dict.fromkeys(IMAGE_METRICS, _KEEP)
     image = {**_keep("name", "width", "height", "psnr_infinite", "sha256"), "file": WITHHELD, "gt": WITHHELD}

@@ -79,7 +79,8 @@ def plan_videos(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
     A flight shows only conditions that our renderers can draw. Official renderings and photographs exist only
     at the test views.
     """
-    # Collect the jobs of the conditions that a film shows. The keys are dataset, scene and model.
+    # Collect the jobs of the conditions that a film shows. The keys of the dictionary are dataset, scene and
+    # model.
     groups: dict[tuple[str, ...], list[Job]] = {}
     for job in jobs:
         is_rendered = job.cell.condition in ("dedicated", "standard")
@@ -197,7 +198,7 @@ def _find_unsupported_titles(job: Job) -> set[str]:
 
 
 def _read_panels(film: Path, titles: Sequence[str]) -> Iterator[dict[str, NDArray[np.uint8]]]:
-    """For each frame of a method's film, yield the images by the title of the condition."""
+    """For each frame of a method's film, yield the image of each condition by its title."""
     for pixels in read_film(film):
         width = pixels.shape[1] // len(titles)
         yield {title: pixels[:, n * width : (n + 1) * width] for n, title in enumerate(titles)}

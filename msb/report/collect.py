@@ -42,7 +42,7 @@ from msb.report.numbers import (
 from msb.report.results import Place, ResultSet
 from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED, UNSTEADY
 
-# Metrics of rendered conditions: timing, the walk beyond the captured views, and other metrics.
+# Metrics of conditions with images: timing, the walk beyond the captured views, and other metrics.
 _TIMING = ("fps", "p50_ms", "p95_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
 WALK = ("flicker", "flicker_worst", "holes")
 _DRAWN = (*_TIMING, *WALK, "memory", "driver_memory", "asset_size")
@@ -163,7 +163,7 @@ def _collect_views(records: Mapping[Place, Mapping[str, Result]]) -> dict[Key, d
 
 
 def _sort_names(names: Iterable[str], first: Iterable[str]) -> list[str]:
-    """Return `names` in a new order: the names in `first`, then all other names in natural order."""
+    """Return `names` in the order of `first`. All other names follow in natural order."""
     order = list(first)
 
     def rank(name: str) -> tuple[int, list[Any]]:
@@ -240,7 +240,7 @@ def _add_condition(
 def _floor_number(metric: str, result: Result | None, number: Number) -> Number:
     """Return the cost of a single triangle.
 
-    If `number` has no value, return `number`.
+    If the cost `number` of the mesh is missing, return `number`.
     """
     if number.value is None:
         return number
@@ -253,7 +253,7 @@ def _floor_number(metric: str, result: Result | None, number: Number) -> Number:
 def _with_interval(number: Number, keys: Sequence[Key], views: Mapping[Key, Mapping[str, float]]) -> Number:
     """Add a confidence interval to `number`, without a p value.
 
-    The interval is that of the mean over the views at `keys`.
+    The interval describes the mean over the views at `keys`.
     """
     if number.value is None or keys[0].metric not in QUALITY:
         return number
@@ -433,7 +433,7 @@ def _add_setup_notes(
 
 
 def _describe_setup(result: Result) -> dict[str, str] | None:
-    """Return the parts of a setup as text. They must be equal for a fair comparison of two methods."""
+    """Return the properties of a setup as text. They must be equal for a fair comparison of two methods."""
     if result.setup is None:
         return None
     images = () if result.quality is None else result.quality.images

@@ -456,8 +456,8 @@ def _write_canvas(
     from matplotlib import rc_context
     from matplotlib.figure import Figure as Canvas
 
-    # Settings for the colours of text and lines, and for background colours. The settings get the placeholder
-    # colours.
+    # Settings for the colours of text and lines, and for background colours. The settings contain the
+    # placeholder colours.
     inked = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color", "grid.color")
     faces = ("figure.facecolor", "axes.facecolor", "savefig.facecolor")
     settings = {

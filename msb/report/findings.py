@@ -157,7 +157,7 @@ def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Fin
 def _gap_findings(numbers: Numbers) -> Iterator[Finding]:
     """Yield the largest and the smallest value of each PSNR gap.
 
-    For a variant, only the adaptation gap is used.
+    For a variant, the only gap is the adaptation gap.
     """
     variants = dict.fromkeys(key.dedicated for key in numbers.gaps if key.dedicated != "dedicated")
     for dedicated in ("dedicated", *variants):
@@ -249,7 +249,7 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
     split = numbers.splits[key]
     parts = []
     for name, gap in split.steps.items():
-        # If no bake separates two steps, they form one part.
+        # Two steps that no bake separates form one part.
         names = [step for step, outer in split.within.items() if outer == name]
         title = " and ".join(STEP_TITLES[step].lower() for step in (*names, name))
         parts.append(f"{title} {format_digits(gap.signed or 0.0, 2)} dB")

@@ -30,7 +30,7 @@ PAPER_ROW = "in the paper"
 
 @dataclass(frozen=True)
 class RowSpec:
-    """A table row before its numbers are looked up.
+    """A table row without numbers. The numbers are added later.
 
     Attributes
     ----------

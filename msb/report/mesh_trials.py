@@ -87,7 +87,7 @@ class RepairComparison:
 
 
 def read_repairs(loaded: LoadedResult | None) -> RepairComparison | None:
-    """Return the repair strategies in the record of an exported mesh, or None without strategies."""
+    """Return the repair strategies in the record of an exported mesh. Without strategies, return None."""
     if loaded is None or loaded.result.repairs is None:
         return None
     stored, *others = loaded.result.repairs.succeeded

@@ -40,8 +40,8 @@ _NOTES = (
     "95 % interval: t interval over the means of the scenes, or over the views of a single scene. An "
     "interval over views applies to that scene only, and is too narrow if neighbouring views are similar",
 )
-# If a gap is missing for one of these reasons, the table has no row for the comparison. For all other
-# reasons, the table has a row without a value.
+# If a gap is missing for one of these reasons, the table has no row for the comparison. If the reason is
+# different, the table has a row without a value.
 _NO_COMPARISON = ("missing", "failed", "not_measured", "unsupported")
 
 
@@ -162,8 +162,7 @@ def _describe(comparison: Comparison, other: str) -> str:
         lead = f"{method} {'leads' if better else 'trails'} {other} by {amount} dB"
     parts = []
     if interval.ends is not None:
-        # The printed difference is the absolute value. If the other method is better, the interval is
-        # negated.
+        # The printed difference is the absolute value. If the other method is better, negate the interval.
         low, high = interval.ends if better else (-interval.ends[1], -interval.ends[0])
         parts.append(f"95 % CI {format_digits(low, 2)} to {format_digits(high, 2)}")
     if interval.p is None:

@@ -62,7 +62,7 @@ def format_change(change: float, ends: tuple[float, float], decimals: int) -> tu
 
     Decimals are added until the printed ends differ by the printed change.
 
-    If the printed ends cannot differ by the change, they may be means over other scenes. The change and the
+    If the two end values do not differ by the change, they may be means over other scenes. The change and the
     ends then get `decimals` decimals.
 
     Examples

@@ -134,7 +134,7 @@ class SplitKey(NamedTuple):
 
 
 class RatioKey(NamedTuple):
-    """The key of a ratio of frame rates between two conditions on a dataset."""
+    """The key of a ratio of frame rates. The ratio compares two conditions on a dataset."""
 
     dataset: str
     method: str
@@ -271,7 +271,7 @@ def list_gap_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> li
     """Return all pairs of conditions (standard, dedicated) for quality gaps.
 
     The two tiers form a pair, and so do Standard and each variant of Dedicated. Each engine and each bake is
-    paired with Dedicated. If an engine draws both tiers, its two conditions also form a pair.
+    paired with Dedicated. If one engine draws both tiers, these two conditions also form a pair.
     """
     variants = select_variants(conditions, "dedicated")
     pairs = [

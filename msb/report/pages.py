@@ -91,7 +91,7 @@ def report_files(
 
 
 def _make_grid(report: Report) -> dict[str, Any]:
-    """Return the verdicts by dataset, scene and method for the table of assets, and all methods."""
+    """Return the verdicts by dataset, scene and method for the table of assets. Also return all methods."""
     datasets: dict[str, dict[str, dict[str, Verdict]]] = {}
     methods: dict[str, None] = {}
     for verdict in report.verdicts:

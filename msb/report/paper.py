@@ -68,7 +68,7 @@ ENGINE_RENDERING = (
 PUBLISHED_LPIPS = "LPIPS as published; its network, version or scaling of the images may differ from ours"
 
 
-# The publication of a number: a key of `msb.report.tables.reproducibility.SOURCES`.
+# The publication that contains a number: a key of `msb.report.tables.reproducibility.SOURCES`.
 Source = Literal["", "paper", "public", "meshsplatbench"]
 
 

@@ -62,7 +62,7 @@ def find_most_certain_swap(
 ) -> Interval:
     """Return the t test of the most significant swap among `swaps`.
 
-    In a swap, two methods have one order in the first condition and the other order in the second condition.
+    Two methods are swapped if their order differs between the two conditions.
 
     The difference between the methods of a swap is tested under both conditions. The p value of a swap is the
     larger p value of both tests. The swap with the smallest p value is returned.

@@ -60,7 +60,10 @@ class Report:
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """The verdict on each asset. Verdicts compare renderings, so they are computed on first access."""
+        """The verdict on each asset.
+
+        Verdicts are computed on first access, because they compare renderings.
+        """
         if self.results is None:
             return ()
         places = self.results.places

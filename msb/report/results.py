@@ -94,8 +94,8 @@ def read_results(*folders: str | os.PathLike[str], allow_mixed: bool = False) ->
     *folders : path-like
         Folders written by `msb run`. If two folders contain the same cell, the later folder counts.
     allow_mixed : bool
-        Accept records that must not be compared, with a note. With `allow_mixed`, models are separate if
-        their records differ between two folders. The names of the folders distinguish them.
+        Accept records that must not be compared, with a note. With `allow_mixed`, a model with different
+        records in two folders becomes two models. The names of the folders distinguish them.
 
     Raises
     ------
@@ -203,7 +203,7 @@ def _collect_cell_facts(result: Result) -> dict[str, object]:
 
 
 def _shorten_folders(records: Iterable[LoadedResult]) -> dict[Path, str]:
-    """Return a unique short name for each results folder: the last parts of its path."""
+    """Return a unique short name for each results folder. The name is the end of the folder's path."""
     roots = list(dict.fromkeys(loaded.root.absolute() for loaded in records))
     count = 1
     while len({root.parts[-count:] for root in roots}) < len(roots):

@@ -159,7 +159,7 @@ class Table:
     def blocks(self) -> list[tuple[str, list[TableRow]]]:
         """Return the rows in blocks.
 
-        A block has a heading, composed of the section and all labels except the last label.
+        The heading of a block is composed of the section and all labels except the last label.
         """
 
         def heading(row: TableRow) -> str:

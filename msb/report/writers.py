@@ -176,7 +176,10 @@ def _without_empty_columns(table: Table) -> Table:
 
 
 def _latex_headings(table: Table) -> list[str]:
-    """Return the header lines: each level of headings with a rule below it, then the titles."""
+    """Return the header lines of a table.
+
+    Each level of headings has a rule below it, and the titles come last.
+    """
     lines = []
     first = len(table.heads) + 1
     for level in range(table.depth):

@@ -91,8 +91,8 @@ def make_rings(
     upright = "xyz".index(axis[1])
     tall = float(half[upright])
     wide = float(np.linalg.norm(np.delete(half, upright)))
-    # The image has the aspect ratio of the box, within limits. The narrow side of the image decides the
-    # distance of the camera.
+    # The image has the aspect ratio of the box, within limits. The distance of the camera depends on the
+    # narrow side of the image.
     ratio = min(max(wide / tall, 1 / _MAX_RATIO), _MAX_RATIO)
     height = round(math.sqrt(pixels / ratio))
     width = round(height * ratio)

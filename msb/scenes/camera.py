@@ -240,9 +240,9 @@ class Camera:
         return replace(self, world_to_camera=pose)
 
     def in_units(self, origin: ArrayLike = NO_ORIGIN) -> Camera:
-        """Return the camera that renderers use: lengths and depths are multiples of `unit`.
+        """Return the camera for renderers. Its lengths and depths are multiples of `unit`.
 
-        Camera coordinates are relative to `origin`, like the positions of an asset.
+        The result is relative to `origin`, like the positions of an asset.
         """
         if np.any(origin):
             return self.relative_to(origin).in_units()

@@ -1,7 +1,7 @@
 """COLMAP's camera models: the order of their parameters, and their pinhole parameters.
 
-Names, ids and the order of parameters: `colmap/colmap`: src/colmap/sensor/models.h. A model's parameters are
-the focal lengths (one for both axes, or fx and fy), cx, cy, and the distortion coefficients.
+Names, ids and the order of parameters: `colmap/colmap`: src/colmap/sensor/models.h. The parameters of a model
+are the focal lengths (one for both axes, or fx and fy), cx, cy, and the distortion coefficients.
 """
 
 from dataclasses import dataclass

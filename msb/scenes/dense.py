@@ -1,7 +1,7 @@
 """The dense parts of a set of Gaussian splats, without floaters.
 
-Captures contain faint or stray Gaussians (floaters) everywhere between the cameras. No gap separates floaters
-from the object, so the opacity per volume is compared instead of distances.
+Captures contain faint or stray Gaussians (floaters) everywhere between the cameras. Floaters and objects are
+not separated by a gap. Therefore the opacity per volume is compared, and not distances.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ _CELLS = 32
 # A grid cell is dense if its opacity is at least this share of the typical opacity. Cells with at least the
 # typical opacity contain half of all opacity.
 _DENSE = 0.02
-# Dense parts with less than this share of the largest part's opacity are floaters.
+# A dense part is a floater if it has less than this share of the largest part's opacity.
 _MIN_PART = 0.02
 
 

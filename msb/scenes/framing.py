@@ -1,4 +1,4 @@
-"""The part of an asset that generated views frame: everything except far outliers.
+"""The part of an asset that fills generated views: everything except far outliers.
 
 Far outliers are left out, because a few stray faces could move all cameras too far away from the mesh.
 """
@@ -180,7 +180,7 @@ def _find_dense(far: NDArray[np.float64], area: NDArray[np.float64]) -> NDArray[
     if _COVERED * area.sum() >= _SPARSE * (far.max() / 2) ** 2:
         return everything
     # Sort the faces by distance. Find the spheres around the first k faces that contain most faces. A sphere
-    # with half of the faces and most of the area is also accepted.
+    # with most of the area and at least half of the faces is also accepted.
     order = np.argsort(far, kind="stable")
     radius, inner = far[order], np.cumsum(area[order])
     count = np.arange(1, len(order) + 1)

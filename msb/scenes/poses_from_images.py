@@ -22,7 +22,7 @@ from msb.scenes.image_size import read_header
 
 # How photographs are paired for comparison: all pairs, or neighbours in the order of file names.
 Matching = Literal["exhaustive", "sequential"]
-# Camera model: COLMAP's default for an unknown camera, with one focal length and one radial coefficient.
+# Camera model of an unknown camera in COLMAP, with one focal length and one radial coefficient.
 _LENS = "SIMPLE_RADIAL"
 # Number of neighbours compared with each photograph of a sequence: COLMAP's default for video frames.
 _OVERLAP = 10

@@ -36,7 +36,7 @@ class Source:
     def locating(self, pointer: str | None, what: str = "") -> Iterator[None]:
         """Add the path of this file, `pointer` and `what` to errors without a file.
 
-        For example, errors of `Camera` do not name a file.
+        For example, `Camera` raises errors without a file.
         """
         try:
             yield

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from msb.scenes.camera import Camera
 
 # Minimum mean square of the right vectors along their second axis for computing the up direction from them.
-# Below this value, all right vectors lie within about 6 degrees of one line, because the camera was never
+# Below this value, all right vectors are nearly parallel (within 6 degrees), because the camera was never
 # turned sideways.
 _MIN_SPREAD = 0.01
 

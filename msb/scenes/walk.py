@@ -76,7 +76,10 @@ def find_target(cameras: Sequence[Camera]) -> NDArray[np.float64]:
 
 
 def _move(camera: Camera, offset: NDArray[np.float64], aim: NDArray[np.float64]) -> Camera:
-    """Return a camera moved by `offset` along its axes, and rotated to keep `aim` in place in the image."""
+    """Return a camera moved by `offset` along its axes.
+
+    The camera is rotated so that `aim` keeps its place in the image.
+    """
     pose = camera.world_to_camera.copy()
     before = pose[:3, :3] @ aim + pose[:3, 3]
     pose[:3, 3] -= offset
@@ -98,13 +101,13 @@ def _rotation_between(start: NDArray[np.float64], end: NDArray[np.float64]) -> N
 def fill_gaps(cameras: Sequence[Camera], count: int) -> list[Camera]:
     """Return at most `count` additional cameras, each halfway between two neighbours.
 
-    Neighbours include cameras that earlier steps added. Two cameras are neighbours if no other camera is
-    nearer to the pose halfway between them. The rotations of neighbours must differ by less than 120 degrees.
-    This limit avoids straight paths through an object. Each step adds the halfway pose that is farthest from
-    its nearest camera. This order fills the widest gaps first. The distance of two cameras is the angle
-    between their axes in radians, plus the distance of their centres divided by the radius of the capture.
-    The result has fewer cameras if no neighbours remain, for example for a single camera or for two opposite
-    cameras.
+    Cameras that were added by earlier steps can also be neighbours. Two cameras are neighbours if no other
+    camera is nearer to the pose halfway between them. The rotations of neighbours must differ by less than
+    120 degrees. This limit avoids straight paths through an object. Each step adds the halfway pose that is
+    farthest from its nearest camera. This order fills the widest gaps first. The distance of two cameras is
+    the angle between their axes in radians, plus the distance of their centres divided by the radius of the
+    capture. The result has fewer cameras if no neighbours remain, for example for a single camera or for two
+    opposite cameras.
     """
     aim = find_target(cameras)
     every = list(cameras)

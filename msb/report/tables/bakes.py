@@ -82,7 +82,7 @@ def scene_split_table(numbers: Numbers, place: Place) -> Table:
 
 
 def _split_cells(numbers: Numbers, key: SplitKey) -> tuple[TableCell, ...]:
-    """Return the cells of a loss: the total, its parts, and the two bakes that separate the parts."""
+    """Return the cells of a loss: the total, its parts, and the names of both bakes."""
     split = numbers.splits[key]
     ends = [numbers.number(Key(*key[:3], name, key.metric)) for name in ("dedicated", "standard")]
     if split.total is None or split.total.signed is None:

@@ -166,7 +166,7 @@ def slowdown_table(numbers: Numbers, paper: Numbers | None = None) -> Table:
 def _gap_cells(numbers: Numbers, key: GapKey) -> dict[str, TableCell]:
     """For each key of `_COLUMNS`, return the table cell of the gaps at `key`."""
     gaps = numbers.gaps.get(key)
-    # Fill the cells of gaps without a value.
+    # For each missing gap, create a cell that gives the reason.
     absent = {}
     for name in _NAMES:
         reason = "missing" if gaps is None else gaps[name].reason
@@ -201,7 +201,7 @@ def _gap_cells(numbers: Numbers, key: GapKey) -> dict[str, TableCell]:
 def gap_cell(
     metric: str, value: float, gap: Gap, ends: Iterable[Number], *, sign: bool = True, interval: bool = True
 ) -> TableCell:
-    """Return a table cell for a value of `gap`, with the notes of the two compared numbers `ends`."""
+    """Return a table cell for a value of `gap`. The cell has the notes of the two compared numbers `ends`."""
     return difference_cell(
         metric,
         value,

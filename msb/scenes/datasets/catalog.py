@@ -111,7 +111,7 @@ _ROUNDING = 1
 
 
 def name_datasets(layout: Layout, name: str, above: str) -> Iterator[tuple[str, bool]]:
-    """Yield the datasets suggested by the name of a scene or by the name of its parent folder `above`.
+    """Yield the datasets that the name of a scene or the name of its parent folder `above` stands for.
 
     The flag is true if the name of the parent folder suggests the dataset. The name of the parent folder
     takes precedence over the name of the scene.

@@ -190,7 +190,7 @@ def _list_image_folders(root: Path, scene: Scene | None) -> tuple[ImageFolder, .
 
 
 def _count_points(root: Path, layout: Layout) -> tuple[int | None, list[Finding]]:
-    """Return the number of SfM points, and a warning if a COLMAP scene has none."""
+    """Return the number of SfM points. For a COLMAP scene without points, also return a warning."""
     model = find_model(root) if layout == "colmap" else None
     if model is None:
         return None, []

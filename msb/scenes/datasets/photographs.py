@@ -288,7 +288,7 @@ def find_masks(
     image_folder: str,
     warnings: list[Finding],
 ) -> tuple[MaskSource | None, Mapping[str, Path]]:
-    """Return the kind of masks of the photographs, and the mask file of each camera name.
+    """Return the kind of masks. For mask files, also return the file of each camera name.
 
     An alpha channel takes precedence over mask files. `paths` are the mask files that transforms.json names.
     Only scenes of masked datasets, such as DTU, need masks.

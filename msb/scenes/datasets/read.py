@@ -208,7 +208,7 @@ def missing_photographs(
 ) -> dict[str, int]:
     """Count missing training and test photographs, even for a scene that is rejected.
 
-    The parameters, and the errors about cameras and folders, are the same as in `read_scene`.
+    The parameters are those of `read_scene`. Errors about cameras and folders are also the same.
     """
     root = given_path(path)
     layout, by = _require_layout(root), rules_of(rules)

@@ -117,8 +117,8 @@ FAMILY: Mapping[str, Photographs] = {
     CUSTOM: Photographs(),
 }
 
-# Photographs that code derived from 3DGS reads by default, without a folder name in its scripts. For Mip-NeRF
-# 360, the original photographs are reduced to `LARGEST`.
+# Photographs that are used if a script of code derived from 3DGS names no folder. For Mip-NeRF 360, the
+# original photographs are reduced to `LARGEST`.
 FULL_SIZE: Mapping[str, Photographs] = {
     **FAMILY,
     "mipnerf360/outdoor": Photographs(),

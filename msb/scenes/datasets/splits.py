@@ -106,7 +106,7 @@ def _read_split(
 
 
 class _NameTable:
-    """Finds a view by its full name, or by a unique short name without folders or suffix."""
+    """Finds a view by its full name. A short name without folders or suffix is accepted if it is unique."""
 
     def __init__(self, views: Iterable[Camera]) -> None:
         self._names: dict[str, set[str]] = {}
