@@ -29,9 +29,9 @@ class Option:
     count : bool
         Whether the value is the number of times that the option is given, as in ``-vv``.
     output : "file", "own" or "folder", optional
-        The rule for checking an output path. "file" means that `msb.cli` rejects an existing file without
-        ``--force``. "own" means that the command itself checks the path. "folder" means that the command
-        checks the files in the folder, which can also be an input.
+        The rule for checking an output path. "file" means that `msb.cli` checks that the file is new, or
+        that ``--force`` is given. "own" means that the command checks the path. "folder" means that the
+        command checks the files in the folder, which can also be an input.
     endings : tuple of str
         Allowed endings of the name of an output file.
     """

@@ -26,11 +26,10 @@ _LEAST = 0.02
 # Largest number of faces that are examined. An asset with more faces is sampled. A surface of few faces may
 # then be missed.
 _SAMPLES = 200_000
-# Minimum ratio of two distances for which `is_surrounded` returns True. In tests, the ratio was 4 to 6 for
+# If the ratio of two distances is larger, `is_surrounded` returns True. In tests, the ratio was 4 to 6 for
 # captures with a background, and 0.7 to 1.5 for objects and empty rooms.
 _SURROUNDED = 2.5
-# Ratio between the distance of a turntable camera and the distance at which the bounding sphere fills the
-# image.
+# Distance of a turntable camera, relative to the distance of a camera whose image the bounding sphere fills.
 _MARGIN = 1.05
 # Largest aspect ratio of images of a box, and ratio between the size of the image and the size of the box.
 _MAX_RATIO, _BOX_MARGIN = 2.0, 1.1

@@ -147,7 +147,7 @@ def read_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDAr
 
 
 def _find_suffix(folder: Path, parts: tuple[str, ...]) -> str:
-    """Return the suffix of the format in which all files `parts` exist in the folder."""
+    """Return the suffix of a format if the folder contains all files `parts` in this format."""
     for suffix in _FORMS:
         if all(is_file(folder / f"{part}{suffix}") for part in parts):
             return suffix

@@ -42,7 +42,7 @@ class ImageHeader:
 
     @property
     def has_alpha(self) -> bool:
-        """Whether the image has an alpha channel. Transparent palette colours are no alpha channel."""
+        """Whether the image has an alpha channel. A transparent palette colour is not an alpha channel."""
         return self.mode in ("LA", "RGBA")
 
 

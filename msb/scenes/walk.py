@@ -16,7 +16,7 @@ PACE = 24
 _STOPS = 10
 # Number of decimals of a gap between cameras. Rounding makes equal gaps compare equal.
 _DIGITS = 6
-# Directions in which successive stops are displaced, in camera axes: right, nearer, left, farther, up.
+# Displacements of successive stops, in camera axes: right, nearer, left, farther, up.
 _ASIDE = ((1, 0, 0), (0, 0, 1), (-1, 0, 0), (0, 0, -1), (0, -1, 0))
 
 

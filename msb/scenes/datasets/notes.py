@@ -19,7 +19,7 @@ from msb.scenes.datasets.rules import AS_IS, Size, half_even
 from msb.scenes.datasets.scene import Scene
 from msb.scenes.image_size import image_size
 
-# Ratio of the recorded width to the photograph's width from which a note is made.
+# If the recorded width is at least this multiple of the photograph's width, a note is made.
 _FAR = 1.5
 
 
@@ -54,7 +54,7 @@ def _describe_scaling(scene: Scene) -> str | None:
 def note_recorded_size(path: str | os.PathLike[str], cameras: Sequence[Camera]) -> str | None:
     """Return a sentence about a COLMAP model whose image sizes far exceed the photographs beside it, or None.
 
-    `path` is the path from which `read_cameras` has read `cameras`.
+    `path` is the argument of `read_cameras`, and `cameras` is the result.
     """
     view = cameras[0]
     beside = find_photographs(path, cameras)

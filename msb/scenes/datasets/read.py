@@ -32,7 +32,7 @@ from msb.scenes.datasets.scene import MaskSource, Scene
 from msb.scenes.datasets.splits import SplitViews, check_split, read_mask_paths, split_views
 from msb.scenes.image_size import read_header
 
-# Maximum distance in pixels by which gs_fov may move the principal point without a warning.
+# If gs_fov moves the principal point by more than this distance in pixels, a warning is given.
 MAX_SHIFT = 0.5
 
 
