@@ -21,7 +21,7 @@ class PackageWarning(UserWarning):
 
 
 class PackageError(Exception):
-    """An error of a plug-in. Its text is printed after the plug-in's name and a colon."""
+    """An error of a plug-in. The text of the error is printed after the plug-in's name and a colon."""
 
 
 def find_installed(

@@ -191,7 +191,10 @@ CONDITION_TITLES: dict[str, str] = {
 
 @dataclass(frozen=True)
 class Mean:
-    """An unweighted average over the scenes of a dataset. `present` of the `expected` scenes have a value."""
+    """An unweighted average over the scenes of a dataset.
+
+    `present` is the number of scenes with a value, and `expected` is the number of all scenes.
+    """
 
     value: float | None
     present: int

@@ -82,7 +82,7 @@ class Gaps:
     # after rounding, as in tables, and equality is sufficient. The result is None if a gap is missing, or if
     # the gaps cover different scenes.
     monotone: bool | None
-    # The excess adapt + port - deploy. It is 0 for monotone values, otherwise 2 min(adapt, port).
+    # The excess adapt + port - deploy. The excess is 0 for monotone values, otherwise 2 min(adapt, port).
     triangle_excess: float | None
 
     def __getitem__(self, name: GapName) -> Gap:

@@ -47,7 +47,8 @@ class InputReader:
     def __init__(self, device: Mapping[str, Any] | None = None) -> None:
         # The record of the OpenCL device, if any.
         self.device = device
-        # Warnings about scenes and invalid records. The values of the dictionary are not used.
+        # Warnings about scenes and invalid records. A dictionary keeps the warnings in order and without
+        # repetition.
         self.warnings: dict[str, None] = {}
         self._scenes: dict[Path, Scene] = {}
         self.describe_views = cache(self._views)

@@ -37,8 +37,8 @@ class Missing:
     message: str
     # The number of cells that need the input; 0 if it is unknown.
     cells: int
-    # Whether the cells cannot be computed without the input. If false, the cells are computed, but a part of
-    # each record will be missing.
+    # Whether the cells cannot be computed without the input. If the value is false, only a part of each
+    # record will be missing.
     blocks: bool
 
 

@@ -116,7 +116,7 @@ class Gpus:
     def measure_process(self, pid: int) -> tuple[int | None, str | None]:
         """Return the current bytes of the process `pid` on all GPUs.
 
-        If they are unknown, return the reason.
+        If the bytes are unknown, return the reason.
         """
         sizes: list[int] = []
         for handle in self._handles if self._reason is None else ():
@@ -151,7 +151,7 @@ class Gpus:
 
 
 def read_driver_memory(device: Mapping[str, Any]) -> tuple[int | None, str | None]:
-    """Return the bytes of this process on NVIDIA GPUs. If they are unknown, return the reason.
+    """Return the bytes of this process on NVIDIA GPUs. If the bytes are unknown, return the reason.
 
     Pass the key "device" of the record of a machine.
     """

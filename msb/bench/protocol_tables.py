@@ -180,8 +180,8 @@ class TrialTable(Record):
 
     # Names of the trial tasks, as in the option ``--task`` of `msb trial`. Default: all.
     tasks: tuple[str, ...] = ()
-    # Whether to compare repairs of the mesh, as `msb repair --compare` does. The tasks are `tasks` or the
-    # default tasks.
+    # Whether to compare repairs of the mesh, as `msb repair --compare` does. If `tasks` is empty,
+    # the default tasks of the comparison are used.
     compare: bool = False
     seconds: Annotated[float, Field(gt=0)] = 60.0
     # Memory limit in GiB.

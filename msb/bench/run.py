@@ -156,7 +156,7 @@ def _run_dry(
     except MsbError as error:
         errors.append(error)
     results = Results(file.results)
-    # A dry run does not export models. It uses the models that an earlier run has exported.
+    # A dry run does not export models. The dry run uses the models that an earlier run has exported.
     folder_errors: dict[str, MsbError] = {}
     pairs = find_pairs(file, only, folder_errors)
     models: dict[Pair, ModelAsset | Exception] = {}

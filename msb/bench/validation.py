@@ -95,7 +95,7 @@ def _find_place(data: Any, place: tuple[str | int, ...]) -> tuple[str | int, ...
 
 
 def _describe_unknown_key(model: type[BaseModel], place: tuple[str | int, ...]) -> str:
-    """Return the message for an unknown key. It names the most similar key, or all keys."""
+    """Return the message for an unknown key. The message names the most similar key, or all keys."""
     keys = _list_keys(model, place[:-1])
     similar = difflib.get_close_matches(str(place[-1]), keys, 1)
     hint = f"; did you mean {similar[0]}?" if similar else f"; known keys: {', '.join(keys)}" if keys else ""

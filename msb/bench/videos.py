@@ -218,8 +218,8 @@ def _draw_grid(
     """
     from PIL import Image
 
-    # All panels are scaled to the size of the largest panel. A missing panel is black. Its text states
-    # whether the method supports the condition.
+    # All panels are scaled to the size of the largest panel. A missing panel is black. The text in the panel
+    # states whether the method supports the condition.
     width, height = (max(panel.shape[axis] for row in rows for panel in row.values()) for axis in (1, 0))
     picture = Image.new("RGB", (width * len(columns), height * len(rows)))
     for y, (row, name, unsupported) in enumerate(zip(rows, titles, absent, strict=True)):

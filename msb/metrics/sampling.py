@@ -19,8 +19,8 @@ MAX_SAMPLES = 1 << 28
 _CANDIDATES = 1 << 20
 # Number of points in the first window of `thin`.
 _FIRST_WINDOW = 64
-# Maximum number of points in a window of `thin`, and maximum number of all their neighbours. If a window has
-# only one point, the maximum number of neighbours may be exceeded.
+# Maximum number of points in a window of `thin`, and maximum number of all their neighbours. A window with
+# only one point may have more neighbours.
 _WINDOW = 1 << 16
 _NEIGHBORS = 1 << 22
 

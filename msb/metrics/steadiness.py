@@ -162,7 +162,7 @@ def _test_depths(
 def find_surface_points(frame: PreparedFrame) -> NDArray[np.float64]:
     """Return world points (N, 3) on the surfaces of a frame, away from their borders.
 
-    The result contains every second pixel of every second row. The gaps between them are filled by
+    The result contains every second pixel of every second row. All pixels in between are filled by
     `find_holes`.
     """
     inverse, nearest, farthest = frame.inverse_depths

@@ -269,7 +269,7 @@ def _group_records(results: ResultSet) -> dict[RowKey, list[Result]]:
 
 
 def _without_reason(cell: TableCell) -> TableCell:
-    """Return a table cell. If it is empty, omit its reason, because most cells of a board are empty."""
+    """Return a table cell. If the cell is empty, omit the reason, because most cells of a board are empty."""
     return cell if cell.value is not None else replace(cell, reason=None, notes=())
 
 

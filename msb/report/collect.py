@@ -433,7 +433,10 @@ def _add_setup_notes(
 
 
 def _describe_setup(result: Result) -> dict[str, str] | None:
-    """Return the properties of a setup as text. They must be equal for a fair comparison of two methods."""
+    """Return the properties of a setup as text.
+
+    The properties must be equal for a fair comparison of two methods.
+    """
     if result.setup is None:
         return None
     images = () if result.quality is None else result.quality.images

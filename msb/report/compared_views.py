@@ -188,7 +188,7 @@ def _make_rendering(loaded: LoadedResult, condition: str, compared: ImageQuality
 def _read_image(path: Path | None, compared: ImageQuality, name: str) -> JpegImage | None:
     """Return an image file as a small JPEG called `name`.
 
-    If its size differs from the record, return None.
+    If the size of the image differs from the record, return None.
     """
     if path is None or compared.width * compared.height > _MAX_PIXELS:
         return None

@@ -38,7 +38,7 @@ from msb.report.tables.bakes import STEP_TITLES
 _MAX_FINDINGS = 12
 # Kinds of findings that are kept even if there are more than `_MAX_FINDINGS`.
 _ALWAYS_KEPT = ("slowdown", "engine_slowdown", "walk", "structure", "training", "unsupported")
-# Kinds of findings that are listed last. They are expected, or do not concern deployment.
+# Kinds of findings that are listed last. Such findings are expected, or do not concern deployment.
 _MINOR = ("monotone", "same_ranking", "training", "unsupported")
 # A PSNR difference below this value, in dB, is printed as 0.00.
 _MIN_DIFFERENCE = 0.005
@@ -437,7 +437,7 @@ def _format_with_unit(metric: str, value: float) -> str:
 
 
 def _surface_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the datasets on which image quality and Chamfer distance rank the methods in another order."""
+    """Yield the datasets with different rankings of the methods by image quality and by Chamfer distance."""
     for dataset in numbers.datasets():
         surfaces = rank_methods(numbers, dataset, "non_engine", "chamfer")
         orders = []

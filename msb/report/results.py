@@ -32,8 +32,8 @@ class LoadedResult:
     # The file of the record, and the results folder that contains it.
     path: Path
     root: Path
-    # The last parts of the folder's path. The text is added to the names of models to distinguish them. For a
-    # unique name, the text is "".
+    # The last parts of the folder's path. The text is added to names of models that are otherwise equal. For
+    # a unique name, the text is "".
     folder: str = ""
 
     @property

@@ -240,7 +240,7 @@ class Camera:
         return replace(self, world_to_camera=pose)
 
     def in_units(self, origin: ArrayLike = NO_ORIGIN) -> Camera:
-        """Return the camera for renderers. Its lengths and depths are multiples of `unit`.
+        """Return the camera for renderers. The lengths and depths of the camera are multiples of `unit`.
 
         The result is relative to `origin`, like the positions of an asset.
         """

@@ -30,7 +30,7 @@ SOURCES = {"paper": "Paper", "public": "Public", "meshsplatbench": "MeshSplatBen
 class PublishedPair(NamedTuple):
     """A number of ours and the published number, both in the unit of the records.
 
-    `key` is the key of our number with another `source`: the name of the publication. `notes` contains the
+    `key` is the key of our number, but its `source` is the name of the publication. `notes` contains the
     notes of the published number.
     """
 

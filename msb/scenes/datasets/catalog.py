@@ -111,7 +111,7 @@ _ROUNDING = 1
 
 
 def name_datasets(layout: Layout, name: str, above: str) -> Iterator[tuple[str, bool]]:
-    """Yield the datasets that the name of a scene or the name of its parent folder `above` stands for.
+    """Yield the datasets that match the name of a scene or the name of its parent folder `above`.
 
     The flag is true if the name of the parent folder suggests the dataset. The name of the parent folder
     takes precedence over the name of the scene.
