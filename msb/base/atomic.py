@@ -237,7 +237,7 @@ def is_stream(path: str | os.PathLike[str]) -> bool:
     return not stat.S_ISDIR(mode) and (not stat.S_ISREG(mode) or _descriptor(path) is not None)
 
 
-# These error numbers mean that the disk failed, and not the program.
+# Error numbers of a failed disk. The program did not cause the failure.
 DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT}
 # The remedy in errors about existing files. Commands print "--force" in place of this text.

@@ -48,8 +48,8 @@ def shell_word(text: str | os.PathLike[str]) -> str:
 def normal_form(name: str) -> str:
     """Return a file name in Unicode's composed normal form (NFC).
 
-    Archives from macOS store letters and accents separately (NFD). Such a name looks the same, but other
-    systems treat it as a different name. Therefore names are compared in NFC.
+    Archives from macOS store letters and accents separately (NFD). A decomposed name looks the same, but
+    other systems treat it as a different name. Therefore names are compared in NFC.
     """
     return name if name.isascii() else unicodedata.normalize("NFC", name)
 

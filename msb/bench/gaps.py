@@ -199,7 +199,8 @@ def incomparable(
     The records must have equal images, sizes, ground truth, background and definition of the metric. If both
     records have an asset, it must be the same asset. For a bake, the asset before the bake is compared. Speed
     and memory must be measured on the same device. Versions of libraries may differ between records. If
-    `one_asset` is false, two methods are compared. Their backgrounds and camera conventions may differ.
+    `one_asset` is false, two methods are compared. The backgrounds and camera conventions of two methods may
+    differ.
     """
     for result in (first, second):
         if result is None:

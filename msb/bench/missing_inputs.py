@@ -132,7 +132,7 @@ def _catch_error(check: Callable[..., object], *arguments: object) -> MsbError |
 
 
 class _Search:
-    """Checks the inputs of cells. Each file is checked once."""
+    """Checks the inputs of cells. Each input file is checked once."""
 
     def __init__(self, planner: Planner, errors: Sequence[MsbError]) -> None:
         self.planner, self.file, self.errors = planner, planner.file, errors

@@ -147,7 +147,8 @@ def _select_frame_times(spans: Sequence[float]) -> tuple[float, ...]:
 class _CameraCycle:
     """Draws cameras in turn.
 
-    `unseen` contains the cameras that were not drawn yet. These cameras are drawn later to measure memory.
+    `unseen` contains the cameras that were not drawn yet. The remaining cameras are drawn later to measure
+    memory.
     """
 
     def __init__(self, renderer: Renderer, cameras: Sequence[Camera], background: Sequence[float]) -> None:

@@ -110,7 +110,7 @@ def run_protocol(
 
     The tasks run in `jobs` processes on this machine, or on the workers of a Dask `scheduler`. `only` selects
     cells (`msb.bench.plan.is_selected`), and `redo` computes finished parts again. A `dry` run does not
-    compute or write results. Its report contains the plan and the missing inputs.
+    compute or write results. The report of a dry run contains the plan and the missing inputs.
     """
     start = time.perf_counter()
     watch = watch or _SilentWatch()

@@ -46,7 +46,7 @@ _MAX_PICTURE = 1 << 20
 # Date of every archive member: the earliest date that ZIP can store.
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _MEMBER = re.compile(r"submission\.json|records/\d{5}\.json|pictures/\d{4}\.jpg")
-# This marks a field that is published unchanged.
+# Fields with this mark are published unchanged.
 _KEEP = object()
 
 
@@ -304,8 +304,7 @@ def read_submission(path: Path) -> Submission:
     ------
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE. RECORD_INVALID if the file is not an archive in the format of
-        `write_submission`. The same error is raised for a missing, unlisted, too large, invalid or changed
-        member.
+        `write_submission`. A missing, unlisted, too large, invalid or changed member is the same error.
     """
     data = map_file(path, _MAX_FILE + 1)
     if len(data) > _MAX_FILE:

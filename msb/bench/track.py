@@ -45,7 +45,7 @@ class Track(Record):
     # Peak of the memory summed over all GPUs, in bytes.
     peak_gpu_memory_bytes: Count | None
     # "processes" means the memory that NVML reports for the processes of the command. "device" means the
-    # growth of memory on the whole device. This value is used if NVML cannot distinguish the processes of
+    # growth of memory on the whole device. The growth is used if NVML cannot distinguish the processes of
     # every GPU. The growth on the whole device includes other programs.
     gpu_source: Literal["processes", "device"] | None
     # The reason that the peak GPU memory is unknown.

@@ -57,7 +57,7 @@ class Definition:
     unit: str
     # All parameters of the metric's definition.
     parameters: Mapping[str, Any]
-    # Packages whose arithmetic affects the value. Their versions are recorded.
+    # Packages whose arithmetic affects the value. The versions of these packages are recorded.
     libraries: tuple[str, ...]
     # Increase this number when a code change alters the values.
     version: int = 1

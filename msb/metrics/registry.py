@@ -77,7 +77,7 @@ def _load_package_metric(key: str, entry: str) -> ImageMetric:
 
 @dataclass(frozen=True)
 class _PackageMeasure:
-    """The function of a metric from another package. Its error messages name the package."""
+    """The function of a metric from another package. Error messages of the function name the package."""
 
     whose: str
     measure: Any

@@ -74,8 +74,8 @@ def unexplained_change(before: PreparedFrame, here: PreparedFrame, after: Prepar
     -------
     (H, W) float32
         Root mean square over red, green and blue of the difference in levels of 255. The difference is NaN if
-        no pixel of the model is within `REACH`. It is also NaN if the surface point is hidden or outside the
-        image in an adjacent frame.
+        no pixel of the model is within `REACH`. The difference is also NaN if the surface point is hidden or
+        outside the image in an adjacent frame.
 
     Notes
     -----

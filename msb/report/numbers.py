@@ -69,7 +69,7 @@ class Key(NamedTuple):
     def is_of_asset(self) -> bool:
         """Whether the number describes the trained model.
 
-        Such a number can have a condition without images, such as an exported mesh.
+        A number of the trained model can have a condition without images, such as an exported mesh.
         """
         return self.metric in ASSET_METRICS
 

@@ -155,8 +155,8 @@ def methods_in(table: str) -> list[str]:
 def published_numbers(path: str | os.PathLike[str]) -> dict[Key, Number]:
     """Return published numbers from a JSON file with the schema of ``paper_tables/*.json``.
 
-    Such a file can contain values of single scenes, which the paper does not print. `Key.source` is "paper"
-    unless the file names another source. Every number has the note of the file.
+    A file of published values can contain single scenes, which the paper does not print. `Key.source` is
+    "paper" unless the file names another source. Every number has the note of the file.
     """
     table = validate(_PublishedTable, read_json(path, 1 << 24), file=Path(path), code="RECORD_INVALID")
     notes = () if table.note is None else (table.note,)

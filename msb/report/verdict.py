@@ -254,7 +254,7 @@ def _judge_bake(condition: str, record: Result) -> Statement:
 
 
 def _make_notes(place: Place, numbers: Numbers, records: Mapping[str, Result]) -> Iterator[Statement]:
-    """Yield notes on training, memory, size and accuracy. These notes have no mark."""
+    """Yield notes on training, memory, size and accuracy. The notes have no mark."""
     texts = dict.fromkeys(text for record in records.values() for text in record.trained)
     if texts:
         yield Statement("NOTE", "Training", f"{_capitalize('; '.join(texts))}.")

@@ -115,7 +115,7 @@ def _size(
     image: Path,
     usual_size: Callable[[], tuple[int, int] | None],
 ) -> tuple[int, int]:
-    """Return the recorded size. If it is missing, return the size of the image file.
+    """Return the recorded size. If the recorded size is missing, return the size of the image file.
 
     If the file is missing, use another frame's image.
     """

@@ -103,11 +103,11 @@ def fill_gaps(cameras: Sequence[Camera], count: int) -> list[Camera]:
 
     Cameras that were added by earlier steps can also be neighbours. Two cameras are neighbours if no other
     camera is nearer to the pose halfway between them. The rotations of neighbours must differ by less than
-    120 degrees. This limit avoids straight paths through an object. Each step adds the halfway pose that is
-    farthest from its nearest camera. This order fills the widest gaps first. The distance of two cameras is
-    the angle between their axes in radians, plus the distance of their centres divided by the radius of the
-    capture. The result has fewer cameras if no neighbours remain, for example for a single camera or for two
-    opposite cameras.
+    120 degrees. The limit of 120 degrees avoids straight paths through an object. Each step adds the halfway
+    pose that is farthest from its nearest camera. The widest gaps are therefore filled first. The distance of
+    two cameras is the angle between their axes in radians, plus the distance of their centres divided by the
+    radius of the capture. The result has fewer cameras if no neighbours remain, for example for a single
+    camera or for two opposite cameras.
     """
     aim = find_target(cameras)
     every = list(cameras)

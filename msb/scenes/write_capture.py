@@ -40,7 +40,7 @@ def write_capture(
     """Write a scene to a new folder. The views of the scene must have the size of their photographs.
 
     The folder contains `images` with the names of the photographs, and `sparse/0` with PINHOLE cameras and
-    `points` as COLMAP text. If a scene has mask files, `masks` is added. If it has a recorded split,
+    `points` as COLMAP text. If a scene has mask files, `masks` is added. If a scene has a recorded split,
     `train_list.txt` and `test_list.txt` are added. Pixels are stored losslessly as PNG, whatever suffix a
     name has. Programs recognise the image type by its content. `step` is called after each photograph. A
     failure does not leave a partial folder.
