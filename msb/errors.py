@@ -60,8 +60,8 @@ class MsbError(Exception):
         super().__init__(str(self))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Worker processes send errors as pickles, which must preserve all attributes. By default, unpickling
-        # would restore only the printed text.
+        # Worker processes send errors as pickles, which must preserve all attributes. Exceptions normally
+        # restore only their printed text.
         return partial(type(self), file=self.file, pointer=self.pointer), (self.code, self.message)
 
     def at(self, file: object) -> Self:
@@ -240,7 +240,7 @@ class Finding:
         return f"{word}: {self.code}: {path}: {self.message}"
 
     def to_error(self, path: object) -> MsbError:
-        """Return this finding about the asset at `path` as an exception."""
+        """Convert this finding to an exception about the asset at `path`."""
         return error_kind(self.code)(self.code, self.message, file=path, pointer=self.pointer)
 
 
@@ -260,7 +260,7 @@ def finding(
 
 
 def error_finding(error: MsbError) -> Finding:
-    """Return an error as a finding; this is the inverse of `Finding.to_error`."""
+    """Return an error as a finding. This function is the inverse of `Finding.to_error`."""
     return finding(error.code, error.message, pointer=error.pointer)
 
 
@@ -289,7 +289,7 @@ def shorten(text: str, limit: int = 80) -> str:
 
 @contextlib.contextmanager
 def about(path: object) -> Iterator[None]:
-    """Add the file `path` to errors in the block that do not name a file, such as errors about arrays."""
+    """Add the file `path` to errors in the block that name no file."""
     try:
         yield
     except MsbError as error:

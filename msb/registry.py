@@ -5,12 +5,12 @@ code of a method is in modules of its package, which are imported on demand. Eac
 has a role:
 
 - ``adapter`` converts the files of a trained model to an asset (`msb.adapters.exporter.Adapter`). A method
-  that writes coloured meshes with a recognisable file name needs no adapter.
+  needs no adapter if it writes coloured meshes with a recognisable file name.
 - ``official`` writes the same file as the method's own exporter (`msb.adapters.official.Official`).
 - ``reference`` renders the method's image in NumPy (``render``, called by `msb.reference`).
 - ``native`` renders the same image on the dedicated tier, with OpenCL kernels (`msb.render.dedicated`).
 
-All lists of methods, tiers or settings are read from `METHODS`. Other packages add methods through the
+All lists of methods, tiers or settings are read from `METHODS`. Other packages can add methods with the
 entry-point group `msb.methods` (docs/extending.md).
 """
 
@@ -37,14 +37,14 @@ TIERS: tuple[Tier, ...] = ("reference", "dedicated", "standard")
 Order = Literal["tile", "global", "none"]
 ORDERS: tuple[Order, ...] = ("tile", "global", "none")
 Sampling = Literal["official", "engine"]
-# How native rendering orders and samples primitives; docs/dedicated.md explains the choices.
+# How native rendering orders and samples primitives. docs/dedicated.md explains the choices.
 SAMPLINGS: tuple[Sampling, ...] = ("official", "engine")
 
 SettingValue = bool | int | float | str | None
 SettingSource = Literal["checkpoint", "config", "flag", "default"]
 SETTING_SOURCES: tuple[str, ...] = ("checkpoint", "config", "flag", "default")
 
-# For each pass in a manifest's `required_passes`, a description of the renderer's work.
+# Description of each rendering pass, by its name in the manifest key `required_passes`.
 PASSES: dict[str, str] = {
     "opaque_unlit": "opaque, z-buffered, two-sided faces in unlit vertex colours; every engine can draw "
     "such faces",
@@ -88,7 +88,7 @@ class Setting:
             return "must be a number" + (" or null" if self.optional else "")
         if self.kind == "int" and not isinstance(value, int):
             return "must be an integer"
-        # The comparison is false for NaN and infinity, and rejects integers that do not fit into a float.
+        # The comparison also rejects NaN, infinity, and integers that are too large for a float.
         if not -1e300 < value < 1e300:
             return "must be a finite number"
         if self.positive and value <= 0:
@@ -147,7 +147,7 @@ class PaperNote:
 
 @dataclass(frozen=True)
 class Method:
-    """The declaration of one method; docs/extending.md describes it."""
+    """The declaration of one method. docs/extending.md describes the declaration."""
 
     title: str
     """The name of the method in tables and messages."""
@@ -203,8 +203,8 @@ AWARE: dict[str, Any] = {"view_dependence": True, "opacity": True, "depth_sort":
 BAKED: tuple[str, ...] = ("bake_dc", "opaque_unlit")
 BLENDED: tuple[str, ...] = ("project_cull", "tile_sort", "blend_front_to_back")
 OTHER_LPIPS = PaperNote(
-    "the paper cites LPIPS from other work for images in [0, 1], which is not comparable with LPIPS for [-1, "
-    "1]",
+    "the paper cites LPIPS of images in [0, 1] from other work; our LPIPS uses images in [-1, 1] and is not "
+    "comparable",
     ("lpips",),
 )
 NO_TRIANGLES = "the primitives of this method are Gaussians, not triangles"
@@ -214,7 +214,7 @@ NO_APPEARANCE = "the model is a mesh with static colours and has no native rende
 def extracted_mesh(title: str, files: tuple[str, ...], rules: Rules | None) -> Method:
     """Return the declaration of a method without an adapter.
 
-    The training of this method writes a coloured mesh with a name in `files`.
+    The method's training writes a coloured mesh to a file with a name in `files`.
     """
     return Method(
         title=title,
@@ -253,7 +253,7 @@ def _methods() -> Mapping[str, Method]:
     return {name: method for name, (method, _) in _installed().items()}
 
 
-# The methods by their name in manifests: built-in methods in the order of tables, then others by name.
+# All methods by their name in manifests. Built-in methods come first, in the order of tables.
 METHODS: Mapping[str, Method] = Lazy(_methods)
 
 
@@ -343,7 +343,7 @@ def _naming_package(method: str, doing: str) -> Iterator[None]:
 
 
 def with_role(what: Role) -> Iterator[tuple[str, Any]]:
-    """Yield the name and the module of each method that has a module for a role.
+    """Yield the name and the module of each method with a module for a role.
 
     A module that cannot be imported causes a warning.
     """

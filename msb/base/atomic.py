@@ -70,8 +70,8 @@ def new_files(paths: Sequence[Path], *, overwrite: bool = True) -> Iterator[Sequ
     """Yield a binary file for each of `paths`. When the block ends, either all files are replaced, or no
     file.
 
-    The files are replaced in the given order, so list a file that refers to the other files last. A single
-    path is written like by `new_file`; several paths must not include a device or pipe.
+    The files are replaced in the given order. A file that refers to the other files should be the last. For a
+    single path, the function behaves like `new_file`. Among several paths, devices and pipes are errors.
     """
     if len(paths) == 1:
         with new_file(paths[0], overwrite=overwrite) as file:
@@ -120,7 +120,7 @@ def new_files(paths: Sequence[Path], *, overwrite: bool = True) -> Iterator[Sequ
 
 @contextlib.contextmanager
 def room_for_temporaries() -> Iterator[None]:
-    """If the block cannot write temporary files, raise an error that names their folder and the remedy."""
+    """Convert errors about temporary files in the block to an error with the folder and a remedy."""
     try:
         yield
     except OSError as error:
@@ -136,9 +136,8 @@ def new_folder(
 ) -> Iterator[Path]:
     """Yield a new folder that replaces `path` when the block ends without an error.
 
-    The old folder or file is renamed, the new folder gets its name, and the old folder is deleted. `size`
-    and `overwrite` have the meaning explained at `new_file`, except that an empty folder is always
-    replaced.
+    The old folder or file is renamed, the new folder gets its name, and the old folder is deleted. The
+    arguments `size` and `overwrite` are those of `new_file`. An empty folder is always replaced.
     """
     target = _target(path)
     temporary, aside = _temporary_name(target), _temporary_name(target)
@@ -199,7 +198,7 @@ def check_place(path: str | os.PathLike[str], *, folder: bool = False) -> None:
         return
     with _output_errors(target, None):
         with contextlib.suppress(FileNotFoundError, NotADirectoryError, PermissionError):
-            target.lstat()  # only a name that is too long can raise this error
+            target.lstat()  # raises an error if the name is too long
         if not folder:
             _reject_folder(target)
         above = _above(target)
@@ -217,7 +216,7 @@ def check_new(path: str | os.PathLike[str]) -> None:
 
 
 def folder_is_taken(path: str | os.PathLike[str]) -> bool:
-    """Return whether a new folder at `path` would replace a file or a folder that is not empty."""
+    """Return whether a file or a non-empty folder exists at `path`."""
     return os.path.lexists(path) and not is_stream(path) and not _is_empty(Path(path))
 
 
@@ -229,8 +228,8 @@ def _reject_folder(target: Path) -> None:
 def is_stream(path: str | os.PathLike[str]) -> bool:
     """Return whether `path` must be written directly, because another file cannot replace it.
 
-    The result is true for devices, pipes and sockets, and for links to such files. Names of an open file of
-    this process also count, such as ``/dev/stdout``, ``/dev/fd/63`` and ``/proc/self/fd/3``.
+    The result is true for devices, pipes and sockets, and for links to such files. The result is also true
+    for open files of this process, such as ``/dev/stdout``, ``/dev/fd/63`` and ``/proc/self/fd/3``.
     """
     try:
         mode = Path(path).stat().st_mode
@@ -239,10 +238,10 @@ def is_stream(path: str | os.PathLike[str]) -> bool:
     return not stat.S_ISDIR(mode) and (not stat.S_ISREG(mode) or _descriptor(path) is not None)
 
 
-# A write with one of these error numbers failed because of the disk, not because of the program.
+# Error numbers of a failed disk. The program did not cause the failure.
 DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT}
-# The remedy in errors about existing files. Commands print their option --force in its place.
+# The remedy in errors about existing files. Commands print "--force" in place of this text.
 REPLACES = "overwrite=True replaces it"
 _LEFTOVER = re.compile(r"\..{1,50}\.[0-9a-f]{12}\.part", re.DOTALL)
 
@@ -300,7 +299,7 @@ def _direct_writer(target: Path) -> Iterator[BinaryIO]:
         number = _descriptor(target)
         if number == 1:
             sys.stdout.flush()
-        # Write at the current position of the file descriptor. Opening the file by its name would write at
+        # Write at the current position of the file descriptor. A file opened by name would be written from
         # byte 0.
         flags = os.O_WRONLY | getattr(os, "O_BINARY", 0)
         number = os.open(target, flags) if number is None else os.dup(number)
@@ -360,7 +359,7 @@ _STANDARD = ("stdin", "stdout", "stderr")
 
 
 def _temporary_name(target: Path) -> Path:
-    # 50 characters take at most 200 bytes, so the temporary name is shorter than the limit of 255 bytes.
+    # The first 50 characters of the name take at most 200 bytes, and file systems allow 255 bytes.
     return target.with_name(f".{target.name[:50]}.{secrets.token_hex(6)}.part")
 
 
@@ -407,7 +406,7 @@ def _above(target: Path) -> Path:
 
 
 def _check_folder(target: Path, above: Path) -> None:
-    """Reject a target below a file. The operating system would report only "File exists"."""
+    """Reject a target below a file. The operating system reports only "File exists" in this case."""
     if not above.is_dir():
         raise OutputError("OUTPUT_UNWRITABLE", f"it cannot be written: {above} is not a folder", file=target)
 
@@ -424,7 +423,7 @@ def _output_errors(target: Path, size: int | None) -> Iterator[None]:
 
 
 def _space(target: Path, size: int | None) -> str:
-    """Return the free and the needed disk space as text. Call this after the temporary file is deleted."""
+    """Return the free and the needed disk space as text. Delete the temporary file before the call."""
     try:
         free = shutil.disk_usage(_above(target.absolute())).free
     except OSError:

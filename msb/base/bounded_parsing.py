@@ -12,12 +12,12 @@ from typing import Any
 # levels, because it also has tables of other tools.
 MAX_TOML_DEPTH = 32
 _TOO_DEEP = f"nested too deeply ({MAX_TOML_DEPTH} levels are allowed)"
-# Matches a bracket or a string, even a string without an end. The possessive quantifier (++) needs no
+# Matches a bracket or a string. The end of a string may be missing. The possessive quantifier (++) needs no
 # backtracking memory, even for a long string.
 _JSON_TOKEN = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[{\]}]', re.DOTALL)
-# The same pattern for TOML. The TOML pattern also matches comments, dots, and the characters that end a
-# key. The text of a multi-line string can end with two quotes, before the three closing quotes (TOML 1.0,
-# section String).
+# Matches the tokens of TOML that determine nesting. The TOML pattern also matches comments, dots, and the
+# characters that end a key. The text of a multi-line string can end with two quotes, before the three closing
+# quotes (TOML 1.0, section String).
 _TOML_TOKEN = re.compile(
     r'"""(?:[^"\\]++|\\.|"{1,2}+(?!"))*+(?:"{3,5})?+'
     r"|'''(?:[^']++|'{1,2}+(?!'))*+(?:'{3,5})?+"
@@ -27,7 +27,7 @@ _TOML_TOKEN = re.compile(
     r"|[\[{\]}.,=\n]",
     re.DOTALL,
 )
-# For each character that ends a key, the number of nesting levels that it adds.
+# Change of the nesting level at each character that ends a key.
 _STEPS = {"[": 1, "{": 1, "]": -1, "}": -1, ",": 0, "=": 0, "\n": 0}
 
 
@@ -42,8 +42,7 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise ValueError(_TOO_DEEP)
     document = tomllib.loads(text)
     level: list[Any] = [document]
-    # A dotted key below a dotted heading nests deeper than either of them. Therefore count the nesting
-    # levels of the result.
+    # Dotted headings and dotted keys add levels, so measure the nesting of the parsed document.
     for _ in range(MAX_TOML_DEPTH + 1):
         level = [inner for outer in level for inner in _children(outer)]
     if level:
@@ -57,9 +56,9 @@ def _children(value: dict[str, Any] | list[Any]) -> list[Any]:
 
 
 def _deepest(token: re.Pattern[str], text: str) -> int:
-    """Return the larger of two numbers: the deepest nesting of brackets, and the most dots in a key.
+    """Return the larger of two numbers: the nesting depth of brackets, and the number of dots in a key.
 
-    Dots count because the TOML library takes time quadratic in their number.
+    The number of dots is limited, because the TOML library takes quadratic time for dotted keys.
     """
     depth = dots = deepest = 0
     for match in token.finditer(text):

@@ -1,7 +1,7 @@
 """Call functions in child processes with limits of time and memory.
 
-Other libraries can hang, crash or exhaust the memory. In a child process, such a failure costs only the
-result of the call. Arguments and results are exchanged as files in a temporary folder.
+Other libraries can hang, crash or exhaust the memory. In a child process, such a failure does not end the
+main process. Arguments and results are exchanged as files in a temporary folder.
 """
 
 import contextlib
@@ -52,13 +52,13 @@ class Reply:
     # The two values that the function returned.
     data: Any = None
     arrays: Arrays = field(default_factory=dict)
-    # The reason why the call failed, such as the text of its exception. This text is empty if the call
-    # succeeded.
+    # The reason why the call failed, such as the text of its exception. If the call succeeded, the text is
+    # empty.
     why: str = ""
-    # The event that stopped a call before its return: its time limit, its memory limit, or a crash.
+    # The reason for the early end of a call: its time limit, its memory limit, or a crash.
     ended_by: Literal["time", "memory", "crash"] | None = None
-    # Run time of the function in seconds. After a stop at the time limit, this is the limit; after a crash,
-    # it is None.
+    # Run time of the function in seconds. If the call reached the time limit, the value is the time limit.
+    # After a crash, the value is None.
     seconds: float | None = None
 
 
@@ -122,7 +122,7 @@ def detached_options() -> dict[str, Any]:
 
 def _start(work: Work, word: str, folder: Path, limits: Limits) -> subprocess.Popen[bytes]:
     folder.mkdir()
-    # -P: do not import a file of the current folder that has the name of a module.
+    # The option -P prevents imports from the current folder.
     command = [sys.executable or "python3", "-P", "-m", "msb.base.children"]
     function = f"{work.__module__}:{work.__qualname__}"
     root = str(Path(__file__).resolve().parents[2])  # ensures that the child process imports the same msb
@@ -251,7 +251,7 @@ def _end_with_parent() -> None:
 def _limit_memory(gib: float) -> None:
     """Limit the memory of this process to `gib` GiB.
 
-    RLIMIT_DATA counts writable memory. RLIMIT_AS would be too strict, because it also counts address space
+    RLIMIT_DATA limits writable memory. RLIMIT_AS would be too strict, because it also counts address space
     that libraries only reserve, such as memory arenas of threads.
     """
     import resource

@@ -11,7 +11,8 @@ from pathlib import Path
 from msb.base.paths import given_path
 from msb.errors import InputError, shorten
 
-# Flags of `os.open`. O_NONBLOCK prevents waiting if a pipe has just replaced the file.
+# Flags of `os.open`. With O_NONBLOCK, opening does not wait if another program has replaced the file by a
+# pipe.
 READ_ONLY = (
     os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
 )
@@ -73,7 +74,10 @@ def is_folder(path: Path) -> bool:
 
 @contextlib.contextmanager
 def _open_regular(path: Path) -> Iterator[int]:
-    """Yield a descriptor of the regular file at `path`; its kind is checked before and after opening."""
+    """Yield a descriptor of the regular file at `path`.
+
+    The kind of the file is checked before and after opening.
+    """
     try:
         _reject_special(path.stat(), path)
         descriptor = os.open(path, READ_ONLY)
@@ -119,14 +123,17 @@ def map_descriptor(descriptor: int, most: int | None = None) -> mmap.mmap | byte
 
 
 def open_error(error: OSError | ValueError, path: object, what: str = "file") -> InputError:
-    """Return the msb error for a system error about `path`. `what` is the kind of path in the message."""
+    """Convert an operating system error about `path` to an error of msb.
+
+    The message names the kind of path, `what`, such as "file".
+    """
     if is_missing(error):
         return InputError("FILE_NOT_FOUND", f"this {what} does not exist", file=path)
     return InputError("FILE_UNREADABLE", f"it cannot be read: {system_reason(error)}", file=path)
 
 
 def check_folder(path: Path, what: str = "folder") -> None:
-    """Check that `path` is an existing folder; `what` is its kind in messages."""
+    """Check that `path` is an existing folder. The message names the kind of path, `what`."""
     if not is_folder(path):
         if os.path.lexists(path):
             raise InputError("FILE_UNREADABLE", f"it is not a {what}", file=path)
@@ -136,7 +143,7 @@ def check_folder(path: Path, what: str = "folder") -> None:
 def is_missing(error: OSError | ValueError) -> bool:
     """Return whether an error means that the file does not exist.
 
-    A `ValueError` means an impossible file name, which contains a NUL or half of a surrogate pair.
+    Python raises a `ValueError` for a name that contains a NUL or half of a surrogate pair.
     """
     return isinstance(error, FileNotFoundError | NotADirectoryError | ValueError)
 
@@ -147,7 +154,7 @@ def system_reason(error: OSError | ValueError) -> str:
 
 
 def library_reason(error: Exception) -> str:
-    """Return the reason why a library could not read a file, from the exception that the library raised.
+    """Return the reason for an exception of a library that failed to read a file.
 
     A damaged file can cause any exception. A damaged file can also exhaust the memory, because a few bytes
     can declare gigabytes.

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 
 def write_npy(path: Path, array: NDArray[Any]) -> None:
-    """Write `array` like `numpy.save`. If the disk is full, the error says so."""
+    """Write `array` like `numpy.save`. If the disk is full, the error states this reason."""
     with path.open("wb") as file:
-        stream: Any = SimpleNamespace(write=file.write)  # NumPy would call ndarray.tofile on a real file
+        stream: Any = SimpleNamespace(write=file.write)  # avoid ndarray.tofile
         np.lib.format.write_array(stream, array, allow_pickle=False)
 
 
 def write_npz(file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write `arrays` like `numpy.savez`; `numpy.load` reads them.
+    """Write `arrays` like `numpy.savez`. The file can be read with `numpy.load`.
 
-    On a full disk `numpy.savez` of NumPy 1.26 leaves its archive open, and Python prints a traceback later.
+    On a full disk, `numpy.savez` of NumPy 1.26 leaves its archive open, and Python later prints a traceback.
     """
     with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
         for name, array in arrays.items():

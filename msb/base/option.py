@@ -1,6 +1,6 @@
 """Annotations that turn the fields of an options dataclass into command-line options.
 
-Example: ``tier: Annotated[Tier, Option("How to draw.")] = "standard"``. A command that takes such a
+Example: ``tier: Annotated[Tier, Option("How to draw.")] = "standard"``. A command that takes an options
 dataclass has an option for each annotated field.
 """
 
@@ -13,7 +13,7 @@ from msb.errors import UsageError, shorten
 
 @dataclass(frozen=True)
 class Option:
-    """The help of an option, and the properties that do not follow from the name and the type of its field.
+    """The help of an option, and properties in addition to the name and the type of its field.
 
     Attributes
     ----------

@@ -1,8 +1,9 @@
 """The origin of a mesh far from zero, such as a survey in map coordinates.
 
-float32 has 24 significant bits. float32 rounds a coordinate of 5,000,000 m to half a metre, which destroys
-a mesh of a few metres. Positions of a mesh far from zero are therefore stored as float32 relative to a
-float64 origin. All comparisons for equality use these relative positions. This module defines the rule.
+float32 has 24 significant bits. float32 rounds a coordinate of 5,000,000 m to half a metre, which destroys a
+mesh of a few metres. Positions of a mesh far from zero are therefore stored as float32 relative to a float64
+origin. Compare relative positions to test whether two vertices are equal. This module chooses the origin of a
+mesh.
 """
 
 from typing import Any
@@ -17,25 +18,25 @@ NO_ORIGIN: Origin = (0.0, 0.0, 0.0)
 # this distance, float32 moves vertices by at most 2e-6 of the mesh size. A survey of 150 km in UTM
 # coordinates is 36 times its size away from zero.
 _FAR = 32.0
-# Number of steps, across the mesh, of the grid on which an origin can lie. With more steps, the origin's
-# decimals get longer.
+# Origins lie on a grid with this number of steps across the mesh. A finer grid would need more decimals for
+# the origin.
 _STEPS = 16
-# Mesh size below which positions relative to an origin are too small for float32.
+# Below this mesh size, float32 cannot store positions relative to an origin.
 _TINY = 1e-30
 # Maximum coordinate of an origin. Cameras reach 1e18.
 _FARTHEST = 1e15
 # Number of evenly spread vertices from which size and middle are computed.
 _SAMPLES = 200_000
-# Share of outlier vertices to ignore on each side of an axis (such as a stray vertex at zero), and the
-# minimum number of vertices for this rule.
+# Share of vertices to ignore as outliers at each end of an axis, such as a stray vertex at zero. The rule
+# applies to at least this number of vertices.
 _OUTLIERS, _MANY = 0.01, 16
 
 
 def find_origin(vertices: NDArray[Any]) -> Origin:
     """Return the origin of positions `vertices` (V, 3), which is zero if they do not need one.
 
-    float32 positions never need an origin, because they are exact. The origin is near the middle of the
-    mesh. The origin is a multiple of a power of two, so that the differences to most coordinates are exact.
+    float32 positions never need an origin, because they are exact. The origin is near the middle of the mesh.
+    The origin is a multiple of a power of two, because differences to such an origin are usually exact.
     """
     if (vertices.dtype.kind, vertices.dtype.itemsize) != ("f", 8):
         return NO_ORIGIN
@@ -75,7 +76,8 @@ def to_world(positions: NDArray[Any], origin: ArrayLike) -> NDArray[Any]:
 def round_coordinates(vertices: NDArray[Any], origin: ArrayLike | None = None) -> NDArray[Any]:
     """Return `vertices` (V, 3) rounded to float32 relative to the origin.
 
-    The default is the origin of the vertices. The result is float32, or float64 with an origin.
+    By default, the origin is computed from the vertices. The result is float64 if the mesh has an origin,
+    otherwise float32.
     """
     origin = find_origin(vertices) if origin is None else origin
     return to_world(to_local(vertices, origin), origin)

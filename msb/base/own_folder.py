@@ -1,6 +1,7 @@
 """Write a whole folder of results.
 
-The folder contains a list of the written files. A later run replaces these files and keeps all other files.
+The folder contains a list of the written files. A later run replaces the listed files and keeps all other
+files.
 """
 
 import contextlib

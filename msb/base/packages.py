@@ -1,4 +1,4 @@
-"""Find plug-ins of other packages by their entry points, load them, and contain their errors."""
+"""Find and load plug-ins of other packages, and convert their errors to warnings."""
 
 import contextlib
 import re
@@ -21,7 +21,7 @@ class PackageWarning(UserWarning):
 
 
 class PackageError(Exception):
-    """The reason why a plug-in cannot be used, as text that follows the plug-in's name and a colon."""
+    """An error of a plug-in. The text of the error is printed after the plug-in's name and a colon."""
 
 
 def find_installed(
@@ -116,7 +116,7 @@ def load(value: str) -> Any:
 
 
 class Lazy(Mapping[str, Plugin]):
-    """A mapping that is created at first use, so that no plug-in is imported earlier.
+    """A mapping that is created at first use. At first use, the plug-ins are imported.
 
     Parameters
     ----------
@@ -142,8 +142,8 @@ class Lazy(Mapping[str, Plugin]):
 def contain_errors() -> Iterator[None]:
     """Run code of another package and turn its exceptions and exits into `PackageError`.
 
-    Errors of msb are raised unchanged. The output of the code goes to standard error, because standard
-    output can be the JSON result of a command.
+    Errors of msb are raised unchanged. The code's output is printed on standard error, because a command may
+    print JSON on standard output.
     """
     try:
         with contextlib.redirect_stdout(sys.stderr):

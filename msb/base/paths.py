@@ -35,7 +35,7 @@ def shell_word(text: str | os.PathLike[str]) -> str:
 
     Double quotes work in all three shells, unless the path contains $, %, backticks or quotes. A path with
     these characters gets single quotes, which cmd.exe does not understand. A path that begins with a hyphen
-    gets ``./`` in front, so that programs do not treat it as an option.
+    gets the prefix ``./``, so that programs do not read it as an option.
     """
     word = os.fspath(text)
     if word.startswith("-"):
@@ -48,14 +48,14 @@ def shell_word(text: str | os.PathLike[str]) -> str:
 def normal_form(name: str) -> str:
     """Return a file name in Unicode's composed normal form (NFC).
 
-    Archives from macOS store letters and accents separately (NFD). A name in NFD looks the same, but other
-    systems treat it as a different name. Therefore names are compared in NFC.
+    Archives from macOS store letters and accents separately (NFD). A decomposed name looks the same, but
+    other systems treat it as a different name. Therefore names are compared in NFC.
     """
     return name if name.isascii() else unicodedata.normalize("NFC", name)
 
 
 class SpelledFiles:
-    """Find files below a folder, even if their names are stored in another Unicode normal form.
+    """Find files below a folder, independent of the Unicode normal form of their names.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Seam keys: hashes of vertex attributes that msb does not read.
 
-Two vertices at one position can differ only in these attributes.
+Two vertices with equal positions may differ in these attributes only.
 """
 
 from collections.abc import Iterable
@@ -9,14 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Names of two attributes in `msb.topology.seams.Attributes`. An asset may have a buffer named SEAM_KEY.
+# Names of attributes in `msb.topology.seams.Attributes`. SEAM_KEY is also the name of a buffer of an asset.
 SEAM_KEY, TRIANGLE_LIST = "seam_key", "triangle_list"
-# Multiplier of the hash: 2^32 divided by the golden ratio, as in Fibonacci hashing.
+# Multiplier of the Fibonacci hash: 2^32 divided by the golden ratio.
 _MULTIPLIER = np.uint32(0x9E3779B1)
 
 
 def hash_attributes(columns: Iterable[NDArray[Any]]) -> NDArray[np.uint32]:
-    """Return the seam keys (n,) of n vertices; a seam key hashes one row of all attribute arrays (n, k).
+    """Return the seam keys (n,) of n vertices.
+
+    A seam key is a hash of one row of all attribute arrays (n, k).
 
     Rows with equal values have equal hashes. Different rows have equal hashes with a probability of 2^-32.
     """

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 def is_soup(faces: NDArray[Any]) -> bool:
     """Return whether faces (F, 3) are a triangle soup, in which no two faces use the same vertex.
 
-    A face that lists a vertex twice counts as one use of this vertex.
+    A face that lists a vertex twice is one use of this vertex.
     """
     # Count the faces that use each vertex, (V,).
     a, b, c = faces.T
@@ -18,7 +18,7 @@ def is_soup(faces: NDArray[Any]) -> bool:
 
 
 def is_unindexed(faces: NDArray[Any], vertex_count: int) -> bool:
-    """Return whether every vertex is used exactly once, as a corner of a face.
+    """Return whether each vertex is used by exactly one face corner.
 
     Such a mesh is a triangle soup without unused vertices and without faces that list a vertex twice.
     """

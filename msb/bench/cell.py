@@ -29,7 +29,8 @@ from msb.errors import MsbError, shorten
 
 # The error code of unexpected exceptions.
 INTERNAL = "INTERNAL"
-# The function that computes each part of a cell. Each function returns keys of `Result` with their values.
+# The function that computes each part of a cell. Each function returns a dictionary of `Result` keys and
+# values.
 MEASURES: dict[PartName, Callable[[Job], dict[str, Any]]] = {
     "quality": measure_quality,
     "audit": measure_audit,
@@ -41,7 +42,7 @@ MEASURES: dict[PartName, Callable[[Job], dict[str, Any]]] = {
     "renderer_timing": read_native_timing,
     "timing": measure_timing,
 }
-# Keys of `Result` that each part fills. A part that is not listed fills the key with the name of the part.
+# Keys of `Result` that each part fills. Parts without an entry fill the key with the part's own name.
 _KEYS: dict[PartName, tuple[str, ...]] = {
     "quality": ("quality", "setup", "renders", "renderer", "device"),
     "timing": ("timing", "memory", "floor", "device"),
@@ -93,7 +94,7 @@ def write_lost(job: Job, reason: Reason) -> None:
 
 
 def _write(job: Job, record: dict[str, Any]) -> Result:
-    """Write and return the record of a cell with the parts in `record`."""
+    """Write the record of a cell with the parts in `record`, and return the record."""
     failed = next((record["reasons"].pop(part) for part in MAIN if part in record["reasons"]), None)
     result = Result(
         cell=job.cell,
@@ -119,7 +120,7 @@ def _read_old(job: Job) -> Result | None:
 
 
 def _keep_valid_parts(job: Job, old: Result | None) -> dict[str, Any]:
-    """Return the parts of the earlier record that are still valid, as arguments of `Result`."""
+    """Return the valid parts of the earlier record. The result contains arguments of `Result`."""
     kept: dict[str, Any] = {"inputs": {}, "reasons": {}, "seconds": 0.0}
     if old is None:
         return kept
@@ -143,9 +144,9 @@ def _is_valid(part: PartName, job: Job, old: Result) -> bool:
     recorded, requested = old.inputs[part], job.requested.get(part)
     if requested is not None:
         return recorded == requested
-    # The protocol no longer requests the part, so its current inputs are unknown. The part is valid if its
-    # inputs shared with the images or the audit are unchanged. Timing and walk must also have the same set of
-    # rendering options as the images.
+    # The current inputs of the part are unknown, because the protocol no longer requests the part. A part is
+    # valid if it shares its inputs with the images or the audit, and these inputs are unchanged. For timing
+    # and walk, the rendering options must also be the same as for the images.
     present = {name: value for main in MAIN for name, value in job.requested.get(main, {}).items()}
     images = job.requested.get("quality", {}).keys()
     same_options = (
@@ -168,7 +169,10 @@ def write_result(folder: Path, result: Result) -> None:
 
 
 def make_reason(error: Exception) -> Reason:
-    """Return an error as a reason. The message of an unexpected error (INTERNAL) names its source line."""
+    """Return the code and the message of an error as a `Reason`.
+
+    The message of an unexpected error (INTERNAL) names its source line.
+    """
     if isinstance(error, MsbError):
         return Reason(code=error.code, message=shorten(str(error).removeprefix(f"{error.code}: "), 500))
     frames = traceback.extract_tb(error.__traceback__)

@@ -21,7 +21,7 @@ def digest(data: Any) -> str:
 
 
 def list_sha256(hashes: Iterable[tuple[str, str]]) -> str:
-    """Return the SHA-256 of a list of (file name, SHA-256) in the format of ``sha256sum``, sorted by name."""
+    """Return the SHA-256 of a file list in the format of ``sha256sum``, sorted by name."""
     lines = "".join(f"{sha256}  {name}\n" for name, sha256 in sorted(hashes))
     return hashlib.sha256(lines.encode()).hexdigest()
 

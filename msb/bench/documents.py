@@ -1,7 +1,8 @@
 """The parts of a record that other commands write: audit, bake, trials, repairs and Chamfer distance.
 
 The record stores the output of other commands without changes. The models in this module declare only the
-keys that tables and reports read. All other keys are kept unchanged, so that other commands may add keys.
+keys that are read for tables and reports. All other keys are kept unchanged, so that other commands may add
+keys.
 """
 
 from dataclasses import asdict
@@ -28,7 +29,7 @@ Outcome = Literal["works", "care", "fails", "not_run"]
 
 
 class Document(Record):
-    """A document of another command; keys that are not declared are kept."""
+    """A document of another command. Keys that are not declared are kept."""
 
     model_config = ConfigDict(extra="allow")
 

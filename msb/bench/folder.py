@@ -31,7 +31,7 @@ _MAX_RUN = 1 << 16
 
 @dataclass(frozen=True)
 class Results:
-    """Paths below the results folder `root`; the tree is shown in docs/protocol.md."""
+    """Paths below the results folder `root`. docs/protocol.md shows the folders."""
 
     root: Path
 
@@ -65,15 +65,15 @@ class Results:
             raise InputError("RECORD_INVALID", text, file=path)
 
     def ground_truth(self, dataset: str, scene: str, key: str) -> Path:
-        """Return the ground truth folder of a scene; `key` is `ViewState.photographs`."""
+        """Return the ground truth folder of a scene. Pass `ViewState.photographs` as `key`."""
         return self.root / "ground_truth" / dataset / scene / key
 
     def asset(self, dataset: str, scene: str, model: str) -> Path:
-        """Return the path of an exported asset; `model` is the label of the model, or its method."""
+        """Return the path of an exported asset. `model` is the label of the model, or its method."""
         return self.root / "assets" / dataset / scene / f"{model}.triasset"
 
     def bake(self, dataset: str, scene: str, model: str, label: str) -> Path:
-        """Return the path of a bake; `model` is the label of the model, or its method."""
+        """Return the path of a bake. `model` is the label of the model, or its method."""
         return self.root / "assets" / dataset / scene / model / f"{label}.triasset"
 
     def video(self, *names: str) -> Path:
@@ -148,7 +148,10 @@ def _holder(root: Path) -> str:
 
 
 def _read_run(root: Path) -> dict[str, object]:
-    """Return the content of the file that names the current run; empty if no run is active."""
+    """Return the content of the file that names the current run.
+
+    If no run is active, return an empty content.
+    """
     try:
         about = read_json(root / _RUN, _MAX_RUN)
     except MsbError:

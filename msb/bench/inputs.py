@@ -3,8 +3,8 @@
 A part with a changed input is computed again.
 
 Versions of libraries are recorded but are not inputs, so an update of NumPy does not repeat any rendering.
-The device is an input of timings only, because images agree between devices. A record still names the device
-that rendered its images.
+The device is an input of timings only, because all devices draw the same images. A record still names the
+device that rendered its images.
 """
 
 import contextlib
@@ -30,10 +30,10 @@ from msb.metrics.identity import defined
 from msb.metrics.steadiness import BLUR, REACH, SAME
 from msb.scenes.datasets import Scene, SceneAt, compare_training, note_scaled_cameras, warn_unknown_split
 
-# The note on a model whose training split is confirmed only by the user.
+# The note on a model whose training split is not recorded but confirmed by the protocol.
 VOUCHED = (
-    "its training does not record the held-out views; the protocol states that the test views were held out "
-    "(held_out)"
+    "its training does not record the held-out views; the key held_out of the protocol confirms that the "
+    "test views were held out"
 )
 # Number of hexadecimal digits of a hash in a record. 16 digits are 64 bits, enough to detect a changed input.
 _SHORT_DIGITS = 16
@@ -47,7 +47,8 @@ class InputReader:
     def __init__(self, device: Mapping[str, Any] | None = None) -> None:
         # The record of the OpenCL device, if any.
         self.device = device
-        # The keys are the warnings about scenes and invalid records, in order and without repetition.
+        # Warnings about scenes and invalid records. A dictionary keeps the warnings in order and without
+        # repetition.
         self.warnings: dict[str, None] = {}
         self._scenes: dict[Path, Scene] = {}
         self.describe_views = cache(self._views)
@@ -71,10 +72,10 @@ class InputReader:
     def find_training_differences(
         self, model: ModelAsset | None, at: SceneAt, place: Path | None, *, held_out: bool
     ) -> Iterator[str]:
-        """Yield each difference between a model's training and the evaluation, and collect it as a warning.
+        """Yield each difference between a model's training and the evaluation, and store a warning.
 
-        `model` is None for official renderings without a model; `place` is the path of the model. `held_out`
-        is the protocol key that confirms the split of a training without a recorded split.
+        Pass the path of the model as `place`. If only official renderings exist, `model` is None. `held_out`
+        is the protocol key that confirms that the test views were not used for training.
         """
         notes: list[Finding] = []
         if model is not None:
@@ -97,7 +98,7 @@ class InputReader:
 def _hash(path: Path) -> str:
     """Return a short hash of a file, or an error code if it cannot be read.
 
-    The error is reported when the part that needs the file is computed.
+    The error is reported later, with the part that needs the file.
     """
     try:
         return file_sha256(path)[:_SHORT_DIGITS]
@@ -106,11 +107,11 @@ def _hash(path: Path) -> str:
 
 
 def find_inputs(job: Job, reader: InputReader) -> dict[PartName, PartInputs]:
-    """Return the current inputs of each part that the protocol requests for the cell of a job."""
+    """Return the current inputs of each part that the protocol requests for a benchmark cell."""
     parts: dict[PartName, PartInputs] = {}
     condition = job.cell.condition
     views = {"cameras": job.views.cameras, "photographs": job.views.photographs}
-    # An exported mesh is audited instead of rendered. The protocol may also request trials, repairs and
+    # An exported mesh is audited and not rendered. The protocol may also request trials, repairs and
     # measurements of the mesh.
     if condition == "exported_mesh":
         if job.model is not None:
@@ -120,8 +121,8 @@ def find_inputs(job: Job, reader: InputReader) -> dict[PartName, PartInputs]:
         if job.cell.dataset == "dtu" and job.chamfer is not None:
             parts["chamfer"] = _find_chamfer_inputs(job, job.chamfer, reader)
     else:
-        # All other conditions have images. Conditions rendered by us also have a walk (a camera path) and a
-        # timing.
+        # All other conditions have images. Conditions that our renderers draw also have a walk (a camera
+        # path) and a timing.
         parts["quality"] = {
             **views,
             **_find_image_inputs(job, reader),
@@ -143,8 +144,8 @@ def find_inputs(job: Job, reader: InputReader) -> dict[PartName, PartInputs]:
             }
         if job.cell.bake is not None:
             parts |= _find_mesh_inputs(job)
-    # Input files provided by the user. A training record belongs only to conditions without variant, engine
-    # or bake.
+    # Input files provided by the user. Only the method's own conditions have a training record. Variants,
+    # engines and bakes have none.
     if job.training is not None and job.cell.condition_key == condition:
         parts["training"] = {"file": reader.hash_file(job.training)}
     if job.renderer_timing is not None:
@@ -172,7 +173,7 @@ def _find_mesh_inputs(job: Job) -> dict[PartName, PartInputs]:
 def _find_trial_inputs(job: Job, names: Sequence[str], table: TrialTable) -> PartInputs:
     """Return the inputs of a trial.
 
-    Missing libraries are inputs, so that installing a library repeats the trial.
+    Missing libraries are inputs. Therefore the trial is repeated after a library was installed.
     """
     from msb.trial.registry import missing_modules, select_tasks
 
@@ -233,13 +234,13 @@ def _describe_device(record: Mapping[str, Any] | None) -> str:
 
 
 def find_scan_files(data: Path, scene: str) -> list[Path]:
-    """Return the files of DTU's evaluation data that the Chamfer distance of a scene needs."""
+    """Return the files of the DTU evaluation data for the Chamfer distance of a scene."""
     scan = parse_scan_number(scene)
     return [data / name.format(scan) for name in (_CLOUD, _GRID, _PLANE)]
 
 
 def _find_chamfer_inputs(job: Job, table: ChamferTable, reader: InputReader) -> PartInputs:
-    """Return the inputs of the Chamfer distance. Missing files are reported when the distance is computed."""
+    """Return the inputs of the Chamfer distance. A missing file is reported when the distance is computed."""
     from msb.metrics import identity
 
     scene = job.scene.read()

@@ -27,7 +27,7 @@ PartInputs = dict[str, str]
 
 @dataclass(frozen=True)
 class Job:
-    """One benchmark cell, and its parts that a worker computes."""
+    """One benchmark cell, with the parts to compute."""
 
     root: Path
     run: str
@@ -35,18 +35,17 @@ class Job:
     scene: SceneAt
     # The state of the scene at the time of planning.
     views: ViewState
-    # The inputs to record for each part to compute. Parts of the record that are not listed are kept while
-    # they are valid.
+    # The inputs to record for each part to compute. All other valid parts of the record are kept.
     parts: Mapping[PartName, PartInputs]
     # The current inputs of every part that the protocol requests for the benchmark cell.
     requested: Mapping[PartName, PartInputs] = field(default_factory=dict)
-    # The value is None if the protocol has only official renderings of the method.
+    # The model of the cell; None if the protocol has only official renderings of the method.
     model: ModelAsset | None = None
     # Values that replace settings of the asset.
     settings: Mapping[str, Any] = field(default_factory=dict)
     # The order and sampling options of a variant.
     options: Mapping[str, str] = field(default_factory=dict)
-    # The folder of official renderings. The value None selects our reference renderer.
+    # The folder of official renderings. If the value is None, our reference renderer is used.
     renders: Path | None = None
     training: Path | None = None
     mesh: Path | None = None

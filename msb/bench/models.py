@@ -1,4 +1,4 @@
-"""The models of a run as assets, exported and hashed once, and exported again if a file changes."""
+"""The models of a run, exported as assets. If a file changes, the model is exported again."""
 
 import json
 import zipfile
@@ -42,9 +42,9 @@ class ModelAsset(Record):
     stamps: tuple[tuple[str, int, int], ...]
     # Path and method of the model in the protocol.
     key: str
-    # Assumptions made during the export.
+    # Warnings about assumptions made during the export.
     warnings: tuple[str, ...] = ()
-    # For a bake, the asset that was baked; `asset` is then the result of the bake.
+    # For a bake, this is the asset before the bake, and `asset` is the baked mesh.
     source: File | None = None
     bake: BakeDocument | None = None
 
@@ -86,7 +86,7 @@ def find_known_model(results: Results, task: ModelTask) -> ModelAsset | None:
 
 
 def prepare_model(task: ModelTask) -> ModelAsset:
-    """Return the model of a task; export its checkpoint to the results folder if necessary."""
+    """Return the model of a task. If necessary, export its checkpoint to the results folder."""
     results = Results(task.root)
     check_run(task.root, task.run)
     known = find_known_model(results, task)
@@ -134,14 +134,14 @@ def _make_key(task: ModelTask) -> str:
 
 
 def _find_source_file(task: ModelTask) -> str:
-    """Return the path of the file that identifies the model."""
+    """Return the path of the main file of a model."""
     if is_asset(task.source):
         return str(_list_files(task.source)[0])
     return str(locate(task.source).file)
 
 
 def _list_files(asset: Path) -> list[Path]:
-    """Return the files of an asset, which is a single file or a folder."""
+    """Return the files of an asset. An asset is a single file or a folder."""
     if not asset.is_dir():
         return [asset]
     return [asset / MANIFEST_NAME, *sorted((asset / "buffers").glob("*"))]
@@ -156,7 +156,7 @@ def measure_size(asset: Path) -> int:
 
 
 def _describe_checkpoint(asset: Asset, source: Path) -> File | None:
-    """Return the files of the checkpoint as the manifest of the asset records them."""
+    """Return the checkpoint files that the manifest of the asset records."""
     files = asset.manifest.source.files
     if not files:
         return None

@@ -1,4 +1,4 @@
-"""The parts of a cell except images and walk: timing, audit, trials, repairs, Chamfer distance, training."""
+"""Measure the parts of a benchmark cell: timing, audit, trials, repairs, Chamfer distance and training."""
 
 import re
 from collections.abc import Mapping
@@ -55,8 +55,8 @@ def group_memory(
 ) -> Memory:
     """Return the memory record of a renderer.
 
-    `uses` contains the bytes of each buffer by name, and `groups` the group of each buffer. A buffer without
-    a group counts as scratch. `driver` is the result of `read_driver_memory`.
+    `uses` contains the bytes of each buffer by name, and `groups` the group of each buffer. Buffers without a
+    group are added to the group "scratch". `driver` is the result of `read_driver_memory`.
     """
     sums = dict.fromkeys(get_args(Group), 0)
     for use, size in uses.items():
@@ -74,7 +74,7 @@ def measure_audit(job: Job) -> dict[str, Any]:
 
 
 def _prepare_trial(job: Job) -> tuple[Asset, tuple[Camera, ...], TrialTable, Limits]:
-    """Return a cell's asset and test cameras, the protocol's table of trials, and the library limits."""
+    """Return the asset and the test cameras of a cell, the trial table, and the limits of libraries."""
     assert job.model is not None
     assert job.trial is not None
     limits = Limits(job.trial.seconds, job.trial.memory)
@@ -103,7 +103,7 @@ def measure_trial(job: Job) -> dict[str, Any]:
 
 
 def list_compared_tasks(table: TrialTable) -> tuple[str, ...]:
-    """Return the names of the tasks run on the unrepaired mesh and after each repair."""
+    """Return the names of the tasks that run on the unrepaired mesh and on each repaired mesh."""
     from msb.trial.registry import select_tasks
     from msb.trial.repairs import TASKS
 

@@ -1,4 +1,4 @@
-"""The state of a scene's test views, and its ground truth: the photographs prepared for comparison.
+"""The state of a scene's test views, and the ground truth: photographs prepared for comparison.
 
 The ground truth is written once per scene, resized, masked and rounded to bytes, with a list of hashes. Every
 run verifies the ground truth against this list, because a damaged image would falsify all later results.
@@ -32,12 +32,11 @@ _MAX_BYTES = 64 << 20
 
 @dataclass(frozen=True)
 class ViewState:
-    """The state of a scene's test views: hashes of everything that affects a comparison."""
+    """The state of a scene's test views: hashes of all data that affects a comparison."""
 
     # Hash of the names, sizes, intrinsics and poses of the cameras.
     cameras: str
-    # Hash of photographs, sizes, masks and background. The hash of the photographs is the name of the ground
-    # truth folder.
+    # Hash of photographs, sizes, masks and background. The ground truth folder is named after this hash.
     photographs: str
     setup: Setup
     # Common names of photographs, renderings and ground truth, without suffix.
@@ -45,9 +44,9 @@ class ViewState:
 
 
 def describe_views(scene: Scene) -> ViewState:
-    """Return the state of a scene's test views; every test photograph is read once."""
+    """Return the state of a scene's test views. Every test photograph is read once."""
     files = [(str(camera.name), _hash_sources(scene, camera)) for camera in scene.test]
-    # All other data that affects the ground truth.
+    # Add the scene's settings that affect the ground truth.
     rules: list[object] = [
         list(scene.background),
         scene.compositing,
@@ -56,8 +55,8 @@ def describe_views(scene: Scene) -> ViewState:
         scene.quantized,
         [(camera.width, camera.height) for camera in scene.test],
     ]
-    # Add the rotated and undistorted photographs to the hash. Without rotated or undistorted photographs, the
-    # hash is the same as in earlier versions.
+    # Add the rotated and undistorted photographs to the hash. If no photograph is rotated or undistorted,
+    # keep the hash of earlier versions.
     if readings := [
         _describe_reading(scene, camera) for camera in scene.test if camera.name in scene.readings
     ]:
@@ -77,7 +76,7 @@ def describe_views(scene: Scene) -> ViewState:
 
 
 def _describe_reading(scene: Scene, camera: Camera) -> list[object]:
-    """Return how the photograph of a view is rotated and undistorted, as JSON data."""
+    """Return the orientation and the undistortion of a photograph as JSON data."""
     reading = scene.readings[str(camera.name)]
     lens, about = reading.lens, list[object]((camera.name, reading.orientation))
     if lens is None or lens.distortion is None:
@@ -118,7 +117,7 @@ class PhotographTask:
 
 
 def write_photographs(task: PhotographTask) -> str | None:
-    """Write the ground truth of a scene unless valid ground truth exists.
+    """Write the ground truth of a scene. If valid ground truth exists, keep it.
 
     Invalid ground truth is written again, and the reason is returned as text.
     """
@@ -142,7 +141,7 @@ def _make_document(views: ViewState, files: Mapping[str, str]) -> dict[str, obje
 
 
 def _find_fault(folder: Path, views: ViewState) -> str | None:
-    """Return the first difference between the ground truth and its list of hashes, or None."""
+    """Compare the ground truth with its list of hashes. Return the first difference, or None."""
     try:
         about = read_json(folder / HASHES, _MAX_BYTES)
         present = _hash_files_below(folder)
@@ -166,7 +165,7 @@ def _find_fault(folder: Path, views: ViewState) -> str | None:
 def _hash_files_below(folder: Path) -> dict[str, str]:
     """Return the SHA-256 of each file below a folder, by name. The hash list itself is left out.
 
-    If a folder has the name of a file, its hash is "".
+    A folder in place of a file has the hash "".
     """
     files = (Path(root, name) for root, _, names in os.walk(folder) for name in names)
     return {
@@ -177,7 +176,7 @@ def _hash_files_below(folder: Path) -> dict[str, str]:
 
 
 def read_planned_scene(at: SceneAt, views: ViewState) -> Scene:
-    """Return a scene. Raise RUN_SCHEDULER if its cameras differ from the cameras at the time of planning."""
+    """Return a scene. Raise RUN_SCHEDULER if the cameras have changed since the run was planned."""
     scene = at.read()
     if digest([describe_camera(camera) for camera in scene.test]) != views.cameras:
         text = (

@@ -1,7 +1,7 @@
 """Workers that compute the tasks of a run: processes on this machine, or a Dask cluster.
 
-A task is plain data: the argument of a function in this package. If a task raises an exception, the exception
-is returned instead of a result. If a worker process dies, only its current task is lost.
+A task is the argument of a function in this package, as plain data. If a task raises an exception, the
+exception is returned instead of a result. If a worker process dies, only its current task is lost.
 """
 
 import contextlib
@@ -35,7 +35,7 @@ class Workers(ABC):
 
     @abstractmethod
     def executor(self) -> Executor:
-        """Return the executor for tasks. After the death of a worker, a new executor is created."""
+        """Return the executor that runs the tasks. After the death of a worker, a new executor is created."""
 
     @abstractmethod
     def close(self) -> None:
@@ -56,17 +56,17 @@ def run_all(
     Workers must be able to import the function. With `alone`, tasks run one after the other, so that timings
     are not disturbed by other tasks of the run.
 
-    When a process dies, the pool does not know which task killed the process. The responsible task was in
-    progress, so it is among the first unfinished tasks (at most one per worker). The pool repeats the first
-    unfinished tasks, one at a time. If a process dies again, its task fails with RUN_WORKER_DIED, and the
-    other tasks continue. A Dask scheduler repeats the tasks of a dead worker itself.
+    When a process dies, the pool does not know which task killed the process. The task was in progress, so it
+    is among the first unfinished tasks (at most one per worker). The pool repeats the first unfinished tasks,
+    one at a time. If a worker process dies again during the same task, the task fails with RUN_WORKER_DIED.
+    The other tasks continue. A Dask scheduler repeats the tasks of a dead worker itself.
     """
     waiting = list(tasks)
     while waiting:
         suspects = 1 if alone else workers.jobs
         numbers = range(len(waiting))
         broken = []
-        # Create one group of all tasks, or a separate group for each task that must run alone.
+        # Submit all tasks as one group. If tasks must run alone, submit each task as a separate group.
         for group in ([number] for number in numbers) if alone else [numbers]:
             for number, answer in _run_group(workers, function, {k: waiting[k] for k in group}):
                 if isinstance(answer, BrokenExecutor):
@@ -74,7 +74,7 @@ def run_all(
                 else:
                     yield waiting[number], answer
         broken.sort()
-        # The first unfinished tasks may have killed the worker; the remaining tasks are submitted again.
+        # One of the first unfinished tasks may have killed the worker. Submit the remaining tasks again.
         for number in broken[:suspects]:
             second_answer: Answer | Exception = _get_answer(
                 _submit(workers.executor(), function, waiting[number])
@@ -103,7 +103,7 @@ def _run_group(
 
 
 def _submit(executor: Executor, function: Callable[[Task], Answer], task: Task) -> Future[Answer]:
-    """Submit a task. If the pool is already broken, return a future with the pool's error."""
+    """Submit a task. If the pool is broken, return a future with the pool's error."""
     try:
         return executor.submit(function, task)
     except BrokenExecutor as error:
@@ -132,7 +132,7 @@ def _make_death_error() -> DeviceError:
 
 
 class _Process(SpawnProcess):
-    """A process that starts with interrupts blocked, so that Ctrl-C during the start prints no traceback."""
+    """A process that starts with blocked interrupts. Ctrl-C during the start then prints no traceback."""
 
     def start(self) -> None:
         if sys.platform == "win32":
@@ -205,7 +205,7 @@ def _initialize_worker(pipe: Connection) -> None:
 def check_address(address: str) -> None:
     """Raise USAGE if `address` is not HOST:PORT.
 
-    Dask would wait for an invalid address and then print a traceback.
+    Check the address first, because Dask waits for an invalid address and then prints a traceback.
     """
     match = re.fullmatch(r"(?:[a-z]+://)?[^\s/:][^\s/]*:(\d{1,5})", address)
     if match is None or not 0 < int(match[1]) < 1 << 16:
@@ -237,5 +237,5 @@ class DaskWorkers(Workers):
         return executor
 
     def close(self) -> None:
-        """Disconnect from the cluster; waiting tasks are dropped, and the workers continue to run."""
+        """Disconnect from the cluster. Waiting tasks are dropped, and the workers continue to run."""
         self._client.close()

@@ -1,7 +1,8 @@
 """Time a renderer: device time per frame, frame rate and memory over a set of cameras.
 
-No file is written and no image is read back during the timing. A slow machine may not draw all cameras within
-the timing. The remaining cameras are drawn afterwards, so that the measured memory covers all cameras.
+No file is written and no image is read back during the timing. On a slow machine, the timing may end before
+every camera was drawn. The remaining cameras are drawn afterwards, so that the measured memory covers all
+cameras.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ class Profile:
     """The result of timing a renderer."""
 
     timing: Timing
-    # Bytes of each device buffer after all cameras were drawn, by the name of the buffer. Buffers only grow,
-    # so each buffer has the size that the most demanding camera needs.
+    # Bytes of each device buffer after all cameras were drawn, by the name of the buffer. Buffers never
+    # shrink, so each buffer has the size that the most demanding camera needs.
     memory: Mapping[str, int]
     # The group of each buffer (`Renderer.memory_groups`), by the name of the buffer.
     memory_groups: Mapping[str, str]
@@ -75,8 +76,8 @@ def profile(
     """Time a new `renderer` that draws the `cameras` in turn, and return its times and memory.
 
     The timing ends when `frames` and `seconds` are both reached. The default warm-up (`warm_up` None) ends
-    after 10 frames or one second. The warm-up lasts at least until the renderer's buffers have settled
-    (`SETTLED_AT` frames). `device_kind` is stored in the result. `step` is called after each timed frame.
+    after 10 frames or one second. The warm-up has at least `SETTLED_AT` frames, because buffers may grow in
+    the first frames. `device_kind` is stored in the result. `step` is called after each timed frame.
     """
     if not cameras:
         raise ValueError("cameras is empty; at least one camera is required")
@@ -87,7 +88,7 @@ def profile(
             cycle.repeat(SETTLED_AT - cycle.frames, 0)
     elif warm_up:
         cycle.repeat(warm_up, 0)
-    # The frames drawn from here on are timed. Draw the remaining cameras only to measure memory.
+    # Time the frames from here. Draw the remaining cameras only to measure memory.
     start = time.perf_counter()
     cycle.ends.clear()
     drawn = cycle.repeat(frames, seconds, step=step)
@@ -124,7 +125,7 @@ def profile(
 
 
 def _compute_round_rates(ends: Sequence[float]) -> tuple[float, ...]:
-    """Return the frame rates of up to `ROUNDS` rounds of consecutive frames.
+    """Divide the frames into at most `ROUNDS` equal rounds, and return the frame rate of each round.
 
     `ends` holds the start of the timing and the end of every frame, in seconds.
     """
@@ -135,13 +136,20 @@ def _compute_round_rates(ends: Sequence[float]) -> tuple[float, ...]:
 
 
 def _select_frame_times(spans: Sequence[float]) -> tuple[float, ...]:
-    """Return the times of all frames in ms, or of evenly spread frames if a record cannot store all."""
+    """Return the times of all frames in ms.
+
+    If a record cannot store all times, return evenly spread frames.
+    """
     count = min(len(spans), MOST_FRAME_TIMES)
     return tuple(round(spans[number * len(spans) // count], 4) for number in range(count))
 
 
 class _CameraCycle:
-    """Draws cameras in turn; `unseen` contains the cameras not drawn since the renderer's buffers settled."""
+    """Draws cameras in turn.
+
+    `unseen` contains the cameras that were not drawn yet. The remaining cameras are drawn later to measure
+    memory.
+    """
 
     def __init__(self, renderer: Renderer, cameras: Sequence[Camera], background: Sequence[float]) -> None:
         self.renderer, self.cameras, self.background = renderer, cameras, background
@@ -166,7 +174,7 @@ class _CameraCycle:
     ) -> list[DrawTime]:
         """Draw the cameras in turn until `frames` and `seconds` are reached.
 
-        With `any_of`, one of the two limits is enough.
+        If `any_of` is true, drawing ends when one of the two limits is reached.
         """
         drawn: list[DrawTime] = []
         start = time.perf_counter()

@@ -36,7 +36,7 @@ _MAX_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class ProtocolFile:
-    """A protocol and its file; paths in the protocol are relative to the folder of the file."""
+    """A protocol and its file. Paths in the protocol are relative to the folder of the file."""
 
     path: Path
     # The text of the protocol file, which is copied to the results.
@@ -68,7 +68,7 @@ def read_protocol(path: str | os.PathLike[str]) -> ProtocolFile:
 
 
 def parse_protocol(text: bytes, path: str | os.PathLike[str]) -> ProtocolFile:
-    """Return the protocol in `text`, with paths and errors as for the content of the file `path`."""
+    """Return the protocol in `text`. Relative paths and errors refer to the file `path`."""
     try:
         data = parse_toml(text.decode())
     except ValueError as error:  # invalid encoding or syntax, or a number or nesting beyond the limits
@@ -129,17 +129,17 @@ def make_single_protocol(
 
 
 def _format_path(given: str | os.PathLike[str]) -> str:
-    """Return a path as an absolute TOML string with doubled braces; symbolic links are not resolved."""
+    """Return the absolute path as a TOML string with doubled braces. Symbolic links are not resolved."""
     absolute = os.path.abspath(given_path(given))  # noqa: PTH100 - resolve() follows links
     return _quote(absolute.replace("{", "{{").replace("}", "}}"))
 
 
 def _quote(text: str) -> str:
-    """Return `text` as a TOML string; this is JSON except for surrogate pairs and the character DEL."""
+    """Return `text` as a TOML string."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
 
 
-# The JSON pointer and the text of each error that the table types cannot detect.
+# Pairs (JSON pointer, text) for errors that the types of the tables cannot detect.
 _Faults = Iterator[tuple[str, str]]
 
 
@@ -207,7 +207,7 @@ def _check_datasets(table: MethodTable | BakeTable, protocol: Protocol, place: s
 
 
 def _check_labels(protocol: Protocol) -> _Faults:
-    """Yield an error for each label that already names something else in tables or folders."""
+    """Yield an error for each label that is already used in tables or folders."""
     # The method of each model label. Two models of a method may share a label if their scenes differ.
     methods: dict[str, str] = {}
     for number, method in enumerate(protocol.methods):
@@ -219,7 +219,7 @@ def _check_labels(protocol: Protocol) -> _Faults:
         other = methods.setdefault(method.label.casefold(), method.name)
         if other != method.name:
             yield place, f'"{shorten(method.label)}" is already the label of {other}; use another label'
-    # The conditions, engines, variants and bakes of a model become names of folders and columns.
+    # The names of conditions, engines, variants and bakes are also names of folders and columns.
     taken = {name.casefold(): "a condition" for name in CONDITIONS}
     taken |= {name.casefold(): "an engine" for name in protocol.engines}
     variants = [
@@ -238,12 +238,11 @@ def _check_variant(variant: VariantTable, protocol: Protocol, place: str) -> _Fa
     from msb.render.backend import renderers
 
     if not (variant.options or variant.renderer or variant.settings):
-        yield place, "a variant needs an order, sampling, renderer or settings that differ from the default"
+        yield place, "a variant must set its order, sampling, renderer or settings"
     if variant.renderer is not None and variant.renderer not in renderers():
         text = f'unknown renderer "{shorten(variant.renderer)}"; available: {", ".join(renderers())}'
         yield f"{place}/renderer", text
-    # Each setting is checked for all methods that have it. If no method has the setting, the check reports an
-    # error.
+    # Each setting is checked for all methods that have it. An unknown setting is an error.
     names = [method.name for method in protocol.methods]
     known = METHODS if AUTO in names else names
     for name, value in get_overrides(variant).items():
@@ -253,7 +252,7 @@ def _check_variant(variant: VariantTable, protocol: Protocol, place: str) -> _Fa
 
 
 def _check_call(place: str, check: Callable[..., object], *arguments: Any) -> _Faults:
-    """Call a function, and yield a UsageError of the function as a fault at `place`."""
+    """Call a function. A UsageError of the function is yielded as an error at `place`."""
     try:
         check(*arguments)
     except UsageError as error:
@@ -261,5 +260,5 @@ def _check_call(place: str, check: Callable[..., object], *arguments: Any) -> _F
 
 
 def get_overrides(table: MethodTable | VariantTable) -> dict[str, Any]:
-    """Return the settings of a table; "none" means None, because TOML has no null."""
+    """Return the settings of a table. The text "none" becomes None, because TOML has no null."""
     return {name: None if value == "none" else value for name, value in table.settings.items()}

@@ -11,7 +11,7 @@ from msb.bench.timing import Timing
 from msb.bench.validation import Record
 from msb.registry import Order, Sampling
 
-# The method name that requests detection of the method from the model.
+# The method of a model with this name is detected from its files.
 AUTO = "auto"
 # Value of `non_engine` that requests images of our NumPy renderer instead of official renderings.
 REFERENCE = "reference"
@@ -30,14 +30,15 @@ Setting = bool | int | float | str
 
 
 class SceneOptions(Record):
-    """Options of a scene in the table of a dataset or a method; the method's options take precedence."""
+    """Options of a scene in a dataset or a method. Options of the method take precedence."""
 
     # Folder of the photographs below the scene, such as "images_4". Default: the folder of the dataset.
     image_folder: Annotated[str, Field(min_length=1)] | None = None
     # Downsampling factor or width in pixels, as the option ``-r`` of code derived from 3DGS.
     resolution: int | None = None
     background: Color | None = None
-    # The camera convention during training. Default: "full_K" for DiffSoup and meshes, else "gs_fov".
+    # The camera convention during training. Default: "full_K" for DiffSoup and meshes, "gs_fov" for all other
+    # methods.
     camera_convention: Literal["gs_fov", "full_K"] | None = None
 
 
@@ -66,7 +67,7 @@ class MethodTable(SceneOptions):
     datasets: tuple[FolderName, ...] = ()
     # Values that replace settings, like the option ``--set``.
     settings: dict[str, Setting] = Field(default_factory=dict)
-    # Default: the conditions of the protocol.
+    # Default: all conditions of the protocol.
     conditions: Annotated[tuple[Condition, ...], Field(min_length=1)] | None = None
     # The folder of official renderings, or "reference". Without a folder or "reference", the condition
     # non_engine is left out.
@@ -75,8 +76,7 @@ class MethodTable(SceneOptions):
     non_engine_timing: Template | None = None
     # A record of `msb track`.
     training: Template | None = None
-    # Whether the user confirms that no training used a test view, although the training does not record its
-    # split.
+    # If the training does not record its split, the user sets this key to confirm that no test view was used.
     held_out: bool = False
     # The mesh for the Chamfer distance. Default: the triangles of the asset.
     mesh: Template | None = None
@@ -97,7 +97,7 @@ class VariantTable(Record):
 
     @property
     def options(self) -> dict[str, str]:
-        """The order and the sampling of this table as options of a renderer, without None values."""
+        """The order and the sampling of this variant, as options of a renderer."""
         given = {"order": self.order, "sampling": self.sampling}
         return {name: value for name, value in given.items() if value is not None}
 
@@ -105,7 +105,7 @@ class VariantTable(Record):
 class BakeTable(Record):
     """``[[bakes]]``: an additional condition, the result of `msb bake` on the standard tier.
 
-    The table also accepts the keys `BAKE_KEYS`, which are options of `msb bake`. Bakes are supervised by
+    The table also accepts the options of `msb bake` with the names in `BAKE_KEYS`. Bakes are supervised by
     training views only.
     """
 
@@ -167,7 +167,7 @@ class WalkTable(Record):
     # engine render.
     conditions: tuple[FolderName, ...] = ()
 
-    # 24 frames lead from one stop to the next. 240 frames go round a capture with ten or more test views.
+    # The walk needs 24 frames from one stop to the next, and 240 frames for a loop with ten stops.
     frames: Annotated[int, Field(ge=3, le=100_000)] = 240
     # Distance of the stops from the cameras, relative to the radius of the capture.
     reach: Annotated[float, Field(ge=0, le=10)] = 0.25
@@ -178,9 +178,10 @@ class WalkTable(Record):
 class TrialTable(Record):
     """``[trial]``: tasks on the exported mesh, and the limits of each library."""
 
-    # Names of trial tasks, as in `msb trial --task`. Default: all.
+    # Names of the trial tasks, as in the option ``--task`` of `msb trial`. Default: all.
     tasks: tuple[str, ...] = ()
-    # Whether to compare repairs of the mesh like `msb repair --compare`, with `tasks` or its default tasks.
+    # Whether to compare repairs of the mesh, as `msb repair --compare` does. If `tasks` is empty,
+    # the default tasks of the comparison are used.
     compare: bool = False
     seconds: Annotated[float, Field(gt=0)] = 60.0
     # Memory limit in GiB.
@@ -188,7 +189,7 @@ class TrialTable(Record):
 
 
 class Protocol(Record):
-    """A protocol file; docs/protocol.md shows an example with comments."""
+    """A protocol file. docs/protocol.md shows an example with comments."""
 
     results: Annotated[str, Field(min_length=1)] = "results"
     device: str | None = None

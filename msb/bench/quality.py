@@ -1,4 +1,4 @@
-"""The part "quality" of a cell: its images are written to its folder and compared with the photographs."""
+"""The part "quality" of a cell: write the images of the cell, and compare them with the photographs."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def load_measures(weights: Path | None) -> metrics.Measures:
 def hash_metrics(weights: Path | None) -> str:
     """Return a hash of the definitions of all metrics.
 
-    Recorded values are valid while this hash is unchanged.
+    While this hash is unchanged, recorded values remain valid.
     """
     return digest([defined(identity.to_dict()) for identity in load_measures(weights).identities])
 
@@ -101,7 +101,7 @@ class _OfficialImages:
         for path, camera in zip(self.renders.files, self.scene.test, strict=True):
             image = metrics.read_image(path, background=self.scene.background)
             check_size(path, (image.shape[1], image.shape[0]), camera)
-            try:  # check the image before the conversion to bytes, which hides NaN and values out of range
+            try:  # check the floats, because bytes cannot store NaN
                 check_image(image, "the rendering")
             except MetricError as error:
                 raise error.at(path) from None
@@ -150,10 +150,11 @@ class _RenderedImages:
 
 
 def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
-    """Return the renderer of a cell for `asset`; the default asset is the model of the cell.
+    """Return the renderer for the asset of a cell.
 
-    The options of the renderer disable everything that the image does not need, such as buffers for other
-    commands.
+    If `asset` is given, the renderer draws this asset instead.
+
+    The renderer omits buffers that are only needed by other commands.
     """
     from msb.render import Renderer
     from msb.render.backend import minimal_options
@@ -166,9 +167,9 @@ def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
 
 
 def describe_renderer(job: Job, name: str) -> RendererInfo:
-    """Return the record of a renderer.
+    """Return the record of a renderer: its name, version and settings.
 
-    `name` is the text "TITLE VERSION", and the job contains the renderer's settings.
+    Pass "TITLE VERSION" as `name`. The settings are taken from the job.
     """
     from msb.asset.settings import effective_settings
 
@@ -186,7 +187,7 @@ def describe_renderer(job: Job, name: str) -> RendererInfo:
 def _compare(
     job: Job, camera: Camera, name: str, pixels: Pixels, truth: Path, measures: metrics.Measures
 ) -> dict[str, Any]:
-    """Return the arguments of `ImageQuality` except the file hash, because the file is still being written.
+    """Return the values of `ImageQuality` except the hash of the image file, which is still being written.
 
     `pixels` is the image as (H, W, 3) uint8, and `truth` is the file of the photograph.
     """
@@ -205,7 +206,7 @@ def _compare(
 
 
 def _summarize(rows: list[ImageQuality], measures: metrics.Measures, weights: Path | None) -> Quality:
-    """Return the averages over all images, with the identities of the metrics."""
+    """Return the average of each metric over all images, and the identity of each metric."""
     averages: dict[str, Any] = average_images(rows)
     return Quality(
         **averages,

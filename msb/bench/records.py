@@ -1,8 +1,8 @@
 """Result records: JSON files with the measurements of one cell (dataset, scene, method, condition).
 
-Records are written by `msb run`; `msb report` reads only records. Values have full precision. The units are
-seconds, milliseconds, bytes and the units of the metrics. A missing value is None and has a reason. The file
-is described in docs/protocol.md.
+`msb run` writes the records, and `msb report` reads them. Values have full precision. The units are seconds,
+milliseconds, bytes and the units of the metrics. A missing value is None and has a reason. The file is
+described in docs/protocol.md.
 """
 
 import math
@@ -41,25 +41,26 @@ MOST_FRAME_TIMES = 20_000
 _MAX_TIMING = 1 << 16
 
 Condition = Literal["non_engine", "dedicated", "standard", "exported_mesh"]
-# The conditions: the method's native renderer, our two tiers, and the exported mesh, which is audited but not
-# rendered.
+# The conditions of the benchmark: native renderer, two engine tiers, and exported mesh. The exported mesh is
+# audited but not rendered.
 CONDITIONS: tuple[Condition, ...] = ("non_engine", "dedicated", "standard", "exported_mesh")
 # The tier that renders each condition with images, in the order of decreasing quality.
 TIER_OF: Mapping[str, Tier] = MappingProxyType(
     {"non_engine": "reference", "dedicated": "dedicated", "standard": "standard"}
 )
 
-# Conditions with a walk; a walk needs images from arbitrary cameras.
+# Conditions that are measured on the walk, because their renderers accept arbitrary cameras.
 WALKED: tuple[Condition, ...] = ("dedicated", "standard")
-# The condition name of a bake begins with this word.
+# Names of bake conditions begin with this word.
 BAKED = "baked"
 
-# Tolerance for a recorded average: above the rounding error of a sum, and below the last digit of the tables.
+# Tolerance for recorded averages. The tolerance is larger than rounding errors, and smaller than the last
+# printed digit.
 _ROUNDING = {"rel_tol": 1e-9, "abs_tol": 1e-9}
 
 # Larger numbers in any part of a record are rejected. Sums and squares of accepted numbers do not overflow.
 _MAX_NUMBER = 1e100
-# A positive number. The lower limit keeps quotients finite.
+# A positive number. The lower limit avoids infinite quotients.
 _Divisor = Annotated[float, Field(ge=1e-9)]
 
 Status = Literal["done", "failed", "unsupported"]
@@ -87,7 +88,7 @@ class Cell(Record):
     variant: Name | None = None
     # The label of a bake: a standard-tier mesh that was baked from the model.
     bake: Name | None = None
-    # The name in `msb.renderers` of a standard-tier engine, or of the renderer of a variant.
+    # The name in `msb.renderers` of the cell's engine, or of a variant's renderer.
     renderer: Name | None = None
 
     @property
@@ -97,7 +98,7 @@ class Cell(Record):
 
     @property
     def condition_name(self) -> str:
-        """The name of the condition's folder: the bake, variant or renderer, or else the condition."""
+        """The folder name of the condition: its bake, variant or renderer if given, else the condition."""
         return self.bake or self.variant or self.renderer or self.condition
 
     @property
@@ -113,7 +114,7 @@ class Cell(Record):
 
     @property
     def names(self) -> tuple[str, str, str, str]:
-        """Dataset, scene, model and condition, which are the folders of the cell."""
+        """Dataset, scene, model and condition; these names are the folders of the cell."""
         return self.dataset, self.scene, self.model_name, self.condition_name
 
 
@@ -143,7 +144,7 @@ class Setup(Record):
 class _MetricValues(Record):
     """Values of the image metrics, stored as additional keys of the JSON object.
 
-    A record may be older than a metric, so any metric can be missing.
+    An older record may lack a newer metric.
     """
 
     model_config = ConfigDict(extra="allow")
@@ -173,14 +174,14 @@ class ImageQuality(_MetricValues):
 class Quality(_MetricValues):
     """Unweighted averages over the test images, and the metrics of every image."""
 
-    # Why the metrics that need VGG weights are missing.
+    # The reason that LPIPS is missing.
     lpips_reason: str | None
     # Number of images with infinite PSNR.
     psnr_inf_count: Count
     images: tuple[ImageQuality, ...]
-    # The identity of every metric with version and parameters (`msb.metrics.identity`).
+    # The identity of every metric (`msb.metrics.identity`), with version and parameters.
     metrics: tuple[dict[str, Any], ...]
-    # Why metrics of other packages have no value, by the name of the metric.
+    # For each missing metric of another package, the reason that it has no value.
     missing: dict[Name, str] = Field(default_factory=dict)
 
     @property
@@ -202,7 +203,7 @@ class Quality(_MetricValues):
 
 
 class Timing(Record):
-    """Frame times of a renderer; images are neither written nor read back.
+    """Frame times of a renderer, without writing images and without reading images back.
 
     Percentiles are over all timed frames.
     """
@@ -219,7 +220,8 @@ class Timing(Record):
     # Sum of the times of all commands of a frame.
     busy_p50_ms: Amount
     busy_p95_ms: Amount
-    # Device time since the first command was queued; None if the renderer does not measure this time.
+    # Device time since the first command was queued. The value is None if the renderer cannot measure this
+    # time.
     queued_p50_ms: Amount | None
     queued_p95_ms: Amount | None
     # Frame rates of up to five consecutive rounds. The rates differ if other programs use the machine.
@@ -233,7 +235,7 @@ class Timing(Record):
 
     @property
     def has_device_times(self) -> bool:
-        """Whether the renderer measured times on its device. If not, all device times are 0."""
+        """Whether the renderer measured times on its device. The value is false if all device times are 0."""
         return self.mean_ms > 0
 
     @model_validator(mode="after")
@@ -256,18 +258,18 @@ class Timing(Record):
 class Memory(Record):
     """Bytes of our device buffers after all test views were drawn, by purpose.
 
-    Buffers only grow from view to view, so each buffer has the size that the most demanding view needs.
+    Buffers never shrink, so each buffer has the size that the most demanding view needs.
     """
 
     geometry: Count
     appearance: Count
-    # Bytes of sort order, tile lists and other intermediate data of a frame.
+    # Bytes of intermediate data of a frame, such as the sort order and tile lists.
     scratch: Count
     # Bytes of colour and depth images.
     targets: Count
     # Bytes of each buffer, by the buffer's name in the renderer.
     uses: dict[str, Count]
-    # Bytes of the process on NVIDIA GPUs, measured by NVML; `driver_reason` explains a missing number.
+    # Bytes of the process on NVIDIA GPUs, measured by NVML. `driver_reason` explains a missing number.
     driver_bytes: Count | None = None
     driver_reason: str | None = None
 
@@ -323,7 +325,8 @@ class WalkDocument(Record):
     worst_frame: Count
     # Share of hole pixels (`msb.metrics.steadiness.find_holes`) among all pixels with the model or a hole.
     holes: Share
-    # Name of a film file beside the record that shows the worst second; None without the extra `video`.
+    # Name of a film file beside the record that shows the worst second. Without the extra `video`, the value
+    # is None.
     film: str | None
     seconds: Amount
 
@@ -334,7 +337,7 @@ class Training(Record):
     seconds: Amount | None
     peak_memory_bytes: Count | None
     source: str
-    # Why the peak memory is unknown.
+    # The reason that the peak memory is unknown.
     memory_reason: str | None = None
     # The value is "ours" for models of our trainer (docs/training.md), which runs on a CPU.
     trainer: Literal["official", "ours"] = "official"
@@ -356,8 +359,9 @@ class Result(Record):
     """The record of one benchmark cell.
 
     A cell is "done" if its images were compared or its mesh was audited. Tables print the status
-    "unsupported" as N/A and "failed" as --. Records with either status have a `reason`. Parts that do not
-    apply to the condition are None. Requested parts that are missing have a reason in `reasons`.
+    "unsupported" as N/A and "failed" as --. Records with the status "unsupported" or "failed" have a
+    `reason`. Parts that do not apply to the condition are None. Requested parts that are missing have a
+    reason in `reasons`.
     """
 
     schema_: Literal["msb.result/2"] = Field(default=SCHEMA, alias="schema")
@@ -370,7 +374,7 @@ class Result(Record):
     setup: Setup | None = None
     checkpoint: File | None = None
     asset: File | None = None
-    # For a bake, the asset that was baked; `asset` is then the result of the bake.
+    # For a bake, this is the asset before the bake, and `asset` is the baked mesh.
     source: File | None = None
     # The folder of official renderings, only for the condition non_engine.
     renders: File | None = None
@@ -387,13 +391,13 @@ class Result(Record):
     bake: BakeDocument | None = None
     # The folder "trial" beside the record contains the images of a trial.
     trial: TrialDocument | None = None
-    # Comparison of repairs, for exported meshes only; its images are in the folder "repairs".
+    # Comparison of repairs, for exported meshes only. The images are in the folder "repairs".
     repairs: RepairDocument | None = None
-    # Only conditions rendered by our renderers or an engine have a walk, and only if the protocol requests
-    # one.
+    # A walk exists only if the protocol requests it, and only for conditions that our renderers or an engine
+    # draw.
     walk: WalkDocument | None = None
     training: Training | None = None
-    # Sentences about a training split, background or image size that differs from the evaluation.
+    # Notes on differences between training and evaluation: split, background and image size.
     trained: tuple[Name, ...] = ()
     # The user's timing of the method's official renderer; only for the condition non_engine.
     renderer_timing: RendererTiming | None = None
@@ -405,7 +409,7 @@ class Result(Record):
 
     @property
     def model_asset(self) -> File | None:
-        """The asset of the model. For a bake, this is the asset that was baked."""
+        """The asset of the model. For a bake, return the asset before the bake."""
         return self.source or self.asset
 
     @property
@@ -434,7 +438,7 @@ def validate_result(data: Any, *, file: object) -> Result:
 
 
 def _raise_first(errors: Iterable[tuple[str, str]], file: object) -> None:
-    """Raise the first error of a sequence of (JSON pointer, text), if the sequence is not empty."""
+    """Raise the first error in a sequence of pairs (JSON pointer, text)."""
     for pointer, text in errors:
         raise InputError("RECORD_INVALID", f"{pointer}: {text}", file=file, pointer=pointer)
 
@@ -459,7 +463,7 @@ def _get_bounds(image: ImageQuality) -> dict[str, tuple[float, float]]:
 
 
 def _find_quality_errors(quality: Quality) -> Iterator[tuple[str, str]]:
-    """Yield (JSON pointer, text) for each value that a comparison of images cannot produce."""
+    """Yield (JSON pointer, text) for each invalid value of an image comparison."""
     for number, identity in enumerate(quality.metrics):
         weights = identity.get("weights") if identity.get("name") == IMAGE_METRICS["lpips"].name else None
         if weights and not is_weights_record(weights):
@@ -467,7 +471,7 @@ def _find_quality_errors(quality: Quality) -> Iterator[tuple[str, str]]:
                 f"/quality/metrics/{number}/weights",
                 "the record does not identify the weights of VGG16 and the linear layers",
             )
-    # Every image has a value of each metric within its range, or is marked as equal to the photograph.
+    # Check that every image has a valid value of each metric, or is marked as equal to the photograph.
     for number, image in enumerate(quality.images):
         pointer, psnr = f"/quality/images/{number}", image.values["psnr"]
         if (psnr is None) is not image.psnr_infinite:

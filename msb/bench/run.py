@@ -38,10 +38,10 @@ _INTERNAL_STATUS = 70
 
 
 class Watch(Protocol):
-    """The interface for progress reports of a run."""
+    """Receives progress reports of a run."""
 
     def stage(self, stage: Stage) -> AbstractContextManager[Callable[[str], None]]:
-        """Enter a stage. The yielded function must be called with the name of each finished task."""
+        """Enter a stage. Call the yielded function with the name of each finished task."""
         return contextlib.nullcontext(lambda _name: None)
 
     def note(self, text: str) -> None:
@@ -60,9 +60,9 @@ class CellOutcome:
     planned: Planned
     # The current record; None if a dry run finds no record.
     result: Result | None
-    # Seconds that the run spent on the cell.
+    # The reason for each missing part of the cell.
     seconds: float
-    # Why the cell ("cell") or one of its parts is missing.
+    # The reason for each missing part of the cell. The reason for the whole cell has the key "cell".
     reasons: Mapping[str, Reason]
 
 
@@ -71,7 +71,7 @@ class Report:
     """The outcome of a run."""
 
     rows: tuple[CellOutcome, ...]
-    # Errors about unreadable models of unknown method, by the path of the model.
+    # Errors about models that cannot be read, by the path of the model.
     models: Mapping[str, Reason]
     seconds: float
     # The missing inputs of a dry run.
@@ -110,7 +110,7 @@ def run_protocol(
 
     The tasks run in `jobs` processes on this machine, or on the workers of a Dask `scheduler`. `only` selects
     cells (`msb.bench.plan.is_selected`), and `redo` computes finished parts again. A `dry` run does not
-    compute or write results; its report contains the plan and the missing inputs.
+    compute or write results. The report of a dry run contains the plan and the missing inputs.
     """
     start = time.perf_counter()
     watch = watch or _SilentWatch()
@@ -156,7 +156,7 @@ def _run_dry(
     except MsbError as error:
         errors.append(error)
     results = Results(file.results)
-    # A dry run does not export models, so it knows only the models of an earlier run.
+    # A dry run does not export models. The dry run uses the models that an earlier run has exported.
     folder_errors: dict[str, MsbError] = {}
     pairs = find_pairs(file, only, folder_errors)
     models: dict[Pair, ModelAsset | Exception] = {}
@@ -184,7 +184,7 @@ class _Run:
         self.spent: dict[Cell, float] = {}
 
     def execute(self, only: Sequence[str], redo: bool, start: float) -> Report:
-        """Run all stages, and return the report; `start` is the time of the start of the run."""
+        """Run all stages, and return the report. The run started at the time `start`."""
         pairs = find_pairs(self.file, only)
         models = self.prepare_models(pairs)
         reader = InputReader(_find_device(self.workers, self.file.protocol.device))
@@ -225,7 +225,10 @@ class _Run:
         return Report(rows, unknown, time.perf_counter() - start)
 
     def prepare_models(self, pairs: Sequence[Pair]) -> dict[Pair, ModelAsset | Exception]:
-        """Export all models. Return the model of each pair of method and scene, or the error about it."""
+        """Export all models.
+
+        For each pair of method and scene, return the model or the error about the model.
+        """
         tasks = {pair: pair.task(self.file.results, self.run) for pair in pairs}
         unique = list(dict.fromkeys(task for task in tasks.values() if task is not None))
         models = dict(self.run_tasks("models", prepare_model, unique))
@@ -247,7 +250,7 @@ class _Run:
         ]
 
     def write_scene_cameras(self, cells: Sequence[Planned]) -> None:
-        """Write the cameras of each scene beside its assets, so that later commands find them."""
+        """Write the cameras of each scene beside the assets of the scene, for use by later commands."""
         jobs = [planned.job for planned in cells if planned.job is not None]
         scenes = {Path(job.model.asset.path).parent: job.scene for job in jobs if job.model is not None}
         for folder, at in scenes.items():
@@ -302,7 +305,7 @@ class _Run:
         write_result(self.results.cell(planned.cell), result)
 
     def update_notes(self, job: Job) -> None:
-        """Write the record of a finished cell again if only the notes on its training have changed."""
+        """Write the record of a finished cell again if its notes on the training have changed."""
         result = self.results.read(job.cell)
         if result.trained != job.trained:
             write_result(job.folder, result.model_copy(update={"trained": job.trained}))
@@ -313,7 +316,7 @@ class _Run:
         if options is None:
             return
         jobs = [planned.job for planned in cells if planned.job is not None]
-        # Grids combine the films of several methods, so grids are planned after the films are written.
+        # A grid combines the films of several methods. Therefore plan grids after the films are written.
         for write, plan in ((write_video, plan_videos), (write_grid, plan_grids)):
             for task, answer in self.run_tasks("videos", write, plan(options, jobs)):
                 if isinstance(answer, Exception):
@@ -328,9 +331,9 @@ class _Run:
         *,
         alone: bool = False,
     ) -> Iterator[tuple[Any, Any]]:
-        """Compute the tasks of a stage, and yield each with its result or exception.
+        """Compute the tasks of a stage. Yield each task with its result or exception.
 
-        An error of the whole cluster is raised. `then` are the names of the stages that follow.
+        An error of the whole cluster is raised. List the following stages in `then`.
         """
         if not tasks:
             return
@@ -349,7 +352,7 @@ class _Run:
 
 
 def _find_kind(task: Any) -> str:
-    """Return the kind of a task; tasks of one kind take about the same time."""
+    """Return the kind of a task. Tasks of one kind take about the same time."""
     if isinstance(task, Job):
         return " ".join((task.cell.condition_key, *task.parts))
     if isinstance(task, BakeTask):
@@ -364,7 +367,7 @@ def _split_timing(job: Job, *, timing: bool) -> Job:
 
 
 def _make_outcome(results: Results, planned: Planned, seconds: float) -> CellOutcome:
-    """Return the outcome of a cell with its current record."""
+    """Return the outcome of a cell, including its current record."""
     try:
         result: Result | None = results.read(planned.cell)
     except MsbError:

@@ -27,7 +27,7 @@ STEPS: tuple[StepName, ...] = ("colors", "faces", "blending")
 
 @dataclass(frozen=True)
 class Split:
-    """The parts of the loss; all parts cover the same scenes and add up to `total`.
+    """The parts of the loss. All parts cover the same scenes, and their sum is `total`.
 
     Attributes
     ----------
@@ -52,8 +52,8 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
     """Return the parts of the loss in `metric` of a method on a dataset, or None without a bake.
 
     `results` contains the records by scene, then by condition. `scenes` are the expected scenes. The ceiling
-    is the bake with the best PSNR among the bakes that keep all triangles. The second bake is the best of the
-    bakes with new triangles.
+    is the bake with the best PSNR among the bakes that keep all triangles. The second bake has the best PSNR
+    among the bakes with new triangles.
     """
     expected = tuple(scenes)
     ceiling = _find_best_bake(results, expected, kept=True)
@@ -78,12 +78,12 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
         assert worse is not None
         covered = gap_between(metric, results, expected, better, worse)[1]
         common = tuple(scene for scene in common if scene in covered)
-    over = common or expected  # without a common scene, each gap gives the reason for its absence
+    over = common or expected  # if no scene has all conditions, each gap states its reason
 
     def gap(better: str, worse: str) -> Gap:
         return replace(gap_between(metric, results, over, better, worse)[0], expected=len(expected))
 
-    # If a bake is missing, one gap covers both adjacent parts.
+    # If a bake is missing, compute one gap for both parts that the bake would separate.
     steps: dict[StepName, Gap] = {}
     within: dict[StepName, StepName] = {}
     for (low, high), (better, worse) in pairs.items():
@@ -99,9 +99,10 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
 def _find_best_bake(results: Mapping[str, Conditions], scenes: tuple[str, ...], *, kept: bool) -> str | None:
     """Return the bake that covers the most scenes.
 
-    If several bakes cover equally many scenes, return the bake with the best average PSNR.
+    Among bakes with equally many scenes, return the bake with the best average PSNR.
 
-    With `kept`, only bakes that keep all triangles are compared; otherwise only bakes with new triangles.
+    If `kept` is true, only bakes that keep all triangles are compared, otherwise only bakes with new
+    triangles.
     """
     values: dict[str, dict[str, float | None]] = {}
     changed: set[str] = set()

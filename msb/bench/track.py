@@ -42,13 +42,13 @@ class Track(Record):
     seconds: Amount
     # The command's exit status, or 128 + n if signal n ended the command.
     exit_status: int
-    # Peak of the sum over all GPUs, in bytes.
+    # Peak of the memory summed over all GPUs, in bytes.
     peak_gpu_memory_bytes: Count | None
     # "processes" means the memory that NVML reports for the processes of the command. "device" means the
-    # growth of memory on the whole device, if NVML cannot distinguish processes on every GPU. The growth on
-    # the whole device includes other programs.
+    # growth of memory on the whole device. The growth is used if NVML cannot distinguish the processes of
+    # every GPU. The growth on the whole device includes other programs.
     gpu_source: Literal["processes", "device"] | None
-    # Why the peak GPU memory is unknown.
+    # The reason that the peak GPU memory is unknown.
     gpu_reason: str | None
     gpus: tuple[Gpu, ...]
     # Peak of the sum of the resident sets of the command and its child processes, in bytes.
@@ -60,7 +60,7 @@ class Track(Record):
 
 
 class TrainingLog(Record):
-    """The file `training.json` of our trainer (docs/training.md); only these keys are read."""
+    """The file `training.json` of our trainer (docs/training.md). Other keys of the file are ignored."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -124,7 +124,7 @@ def track(command: Sequence[str], *, interval: float = INTERVAL) -> Track:
     monitor.stop()
     peak, source, reason = gpus.result()
     return Track(
-        # Arguments may be arbitrary bytes, but JSON needs valid text.
+        # Replace invalid bytes in arguments, because JSON needs valid text.
         command=tuple(word.encode(errors="backslashreplace").decode() for word in command),
         started=started.isoformat(timespec="seconds"),
         ended=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -181,10 +181,10 @@ class _MemoryMonitor(threading.Thread):
 
 @contextlib.contextmanager
 def _forward_signals() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
-    """Forward signals to the child process that is passed to the yielded function; main thread only.
+    """Forward signals to a child process. Pass the child process to the yielded function.
 
-    A signal that arrives before the child process is known is forwarded later. A signal that this process
-    ignores, for example under nohup, gets no handler, so that the child ignores it too.
+    A signal that arrives before the child process is known is forwarded later. If this process ignores a
+    signal, for example under nohup, the child process ignores it too.
     """
     children: list[subprocess.Popen[bytes]] = []
     early: list[int] = []
@@ -221,7 +221,7 @@ def _forward_signals() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
 def _is_in_foreground() -> bool:
     """Return whether this process is in the foreground group of its terminal.
 
-    On Windows, an interrupt reaches all processes of a console, so the result is always true.
+    On Windows, an interrupt reaches all processes of a console.
     """
     if sys.platform == "win32":
         return True

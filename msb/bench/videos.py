@@ -1,4 +1,7 @@
-"""Films with the conditions of a method side by side, and grids of such films for all methods of a scene."""
+"""Write films with the conditions of a method side by side.
+
+Write grids of such films for all methods of a scene.
+"""
 
 from __future__ import annotations
 
@@ -46,9 +49,9 @@ _MAX_BYTES = 1 << 16
 class FilmTask:
     """A task for a worker: one film of a method on a scene, or a grid of all methods of a scene."""
 
-    # Dataset and scene of the film. The film of one method also has the model.
+    # Dataset and scene of the film. For the film of one method, the names also include the model.
     names: tuple[str, ...]
-    # One job for each condition of a film, or for each method of a grid, in display order.
+    # The jobs in display order: the conditions of a film, or the methods of a grid.
     jobs: tuple[Job, ...]
     options: VideosTable
     # The hash of all inputs of the film.
@@ -76,7 +79,8 @@ def plan_videos(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
     A flight shows only conditions that our renderers can draw. Official renderings and photographs exist only
     at the test views.
     """
-    # Collect the jobs of the conditions in each film, by dataset, scene and model.
+    # Collect the jobs of the conditions that a film shows. The keys of the dictionary are dataset, scene and
+    # model.
     groups: dict[tuple[str, ...], list[Job]] = {}
     for job in jobs:
         is_rendered = job.cell.condition in ("dedicated", "standard")
@@ -100,7 +104,7 @@ def plan_videos(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
 
 def plan_grids(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
     """Return the grids to write: one grid for each scene with films of at least two methods."""
-    # Collect the first job of each model, by dataset and scene, then by model.
+    # For each scene, collect the first job of each model.
     scenes: dict[tuple[str, str], dict[str, Job]] = {}
     for job in jobs:
         dataset, scene, model, _ = job.cell.names
@@ -124,7 +128,7 @@ def _get_film_path(job: Job) -> Path:
 def _read_description(film: Path) -> dict[str, Any]:
     """Return the content of the JSON file beside a film.
 
-    The content is empty unless the film and the JSON file exist.
+    If the film or the JSON file is missing, the content is empty.
     """
     with contextlib.suppress(MsbError):
         description = read_json(film.with_suffix(".json"), _MAX_BYTES)
@@ -194,7 +198,7 @@ def _find_unsupported_titles(job: Job) -> set[str]:
 
 
 def _read_panels(film: Path, titles: Sequence[str]) -> Iterator[dict[str, NDArray[np.uint8]]]:
-    """Yield the images of each frame of a method's film, by the title of the condition."""
+    """For each frame of a method's film, yield the image of each condition by its title."""
     for pixels in read_film(film):
         width = pixels.shape[1] // len(titles)
         yield {title: pixels[:, n * width : (n + 1) * width] for n, title in enumerate(titles)}
@@ -208,14 +212,14 @@ def _draw_grid(
 ) -> NDArray[np.float32]:
     """Return one frame of a grid, (H, W, 3) with values from 0 to 1.
 
-    `rows` holds the images of each method, by the title of the condition. `columns` are the titles of all
-    conditions, `titles` the titles of the methods, and `absent` the titles of the conditions that each method
-    does not support.
+    `rows` holds the images of each method, by the title of the condition. List the titles of all conditions
+    in `columns`, and the titles of the methods in `titles`. For each method, list its unsupported conditions
+    in `absent`.
     """
     from PIL import Image
 
-    # All panels are scaled to the size of the largest panel. A missing panel is black and states whether its
-    # condition is not supported.
+    # All panels are scaled to the size of the largest panel. A missing panel is black. The text in the panel
+    # states whether the method supports the condition.
     width, height = (max(panel.shape[axis] for row in rows for panel in row.values()) for axis in (1, 0))
     picture = Image.new("RGB", (width * len(columns), height * len(rows)))
     for y, (row, name, unsupported) in enumerate(zip(rows, titles, absent, strict=True)):
@@ -230,7 +234,7 @@ def _draw_grid(
 
 
 def _write_description(task: FilmTask, **axes: list[str]) -> None:
-    """Write the JSON file beside a film; `axes` lists the columns and rows of the film."""
+    """Write the JSON file beside a film. `axes` lists the columns and rows of the film."""
     description = {"schema": SCHEMA, "inputs": task.inputs, **axes, **task.options.model_dump()}
     with new_file(task.path.with_suffix(".json")) as file:
         file.write(json.dumps(description, indent=1).encode() + b"\n")
@@ -249,7 +253,7 @@ def _render_flight(
 
 
 def _read_test_frames(task: FilmTask, names: Sequence[str]) -> Iterator[list[NDArray[Any]]]:
-    """Yield the stored images of the test views, each image for the same number of frames."""
+    """Yield the stored images of the test views. Each image is repeated for the same number of frames."""
     folders = [task.jobs[0].photographs, *(job.folder / "images" for job in task.jobs)]
     last, row = None, []
     for frame in range(task.options.frames):

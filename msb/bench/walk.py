@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from msb.scenes.datasets import Scene
 
 # Number of frames that supply surface points, evenly spread over the walk. A pixel is a hole if its frame
-# shows background where a surface point of another frame should be visible.
+# shows background in place of a surface point of another frame.
 _SURFACE_FRAMES = 8
 # Brightness factor for the changes shown in the film, which would be invisible without it.
 _CHANGE_GAIN = 16
@@ -57,7 +57,7 @@ class _FrameChange(NamedTuple):
 
 
 def plan_walk(scene: Scene, table: WalkTable) -> list[Camera]:
-    """Return the cameras of a scene's walk: a path past the test views, away from all captured views."""
+    """Return the cameras of a scene's walk: a path near the test views, but away from all captured views."""
     views = (*scene.train, *scene.test)
     return make_walk(scene.test, views, table.frames, table.reach, table.size)
 
@@ -113,7 +113,7 @@ def _compute_flicker(changes: Iterable[_FrameChange]) -> float:
 
 def _measure_frames(renderer: Renderer, cameras: Sequence[Camera], scene: Scene) -> Iterator[_FrameChange]:
     """Yield the measurements of every frame of a walk except the first and the last frame."""
-    # Surface points of a few frames reveal holes in all other frames.
+    # Compute surface points of a few frames. Points that show background in another frame are holes.
     spread = [cameras[k * len(cameras) // _SURFACE_FRAMES] for k in range(min(_SURFACE_FRAMES, len(cameras)))]
     points = np.concatenate(
         [find_surface_points(frame) for frame, _ in _render_stills(renderer, spread, scene)]

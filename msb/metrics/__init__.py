@@ -2,8 +2,8 @@
 
 Each metric has a fixed and named definition.
 
-The definitions, and comparisons with other programs, are in docs/metrics.md. `identity` returns the data to
-store beside every measured value.
+The definitions, and comparisons with other programs, are in docs/metrics.md. Store the result of `identity`
+beside every measured value.
 """
 
 from msb.metrics.chamfer import chamfer_dtu, chamfer_points, chamfer_surface

@@ -76,8 +76,8 @@ def _test_view(
     from scipy.ndimage import distance_transform_edt
 
     height, width = mask.shape
-    # Scale the matrix to K [R | t] with K[2, 2] = 1. With this scale the coordinate z is a depth, and adding
-    # 1e-6 avoids division by zero.
+    # Scale the matrix to K [R | t] with K[2, 2] = 1. The coordinate z is then a depth. Add 1e-6 to avoid
+    # division by zero.
     norm = np.linalg.norm(matrix[2, :3])
     sign = np.linalg.det(matrix[:3, :3])
     if not norm > 0 or sign == 0:

@@ -30,8 +30,8 @@ def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
     Returns
     -------
     image : (H, W, 3) float32
-        RGB in [0, 1] at the size of the camera. If the rules round to 8 bits by floor(255 x + 0.5), values
-        are multiples of 1 / 255. Our rules round.
+        RGB in [0, 1] at the size of the camera. Our rules round floats to 8 bits by floor(255 x + 0.5), so
+        that values are multiples of 1 / 255.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
 
 
 def read_photograph(scene: Scene, camera: Camera) -> NDArray[np.uint8]:
-    """Return the photograph of a view as seen by its pinhole camera, before masking and resizing.
+    """Return the photograph of a view, rotated and undistorted, before masking and resizing.
 
     The result is (H, W, 3), or (H, W, 4) with alpha. The EXIF orientation is applied if the scene requires
     this, grey becomes R = G = B, and lens distortion is removed. Raises like `ground_truth`.
@@ -82,7 +82,7 @@ def read_photograph(scene: Scene, camera: Camera) -> NDArray[np.uint8]:
     pixels = read_pixels(camera.image_path, PHOTOGRAPH_MODES)
     if pixels.ndim == 2:
         pixels = pixels[..., None]
-    if pixels.shape[2] < 3:  # a grey image, with or without alpha
+    if pixels.shape[2] < 3:  # convert a grey image to colour
         pixels = np.concatenate([pixels[..., :1].repeat(3, axis=2), pixels[..., 1:]], axis=2)
     reading = scene.readings.get(str(camera.name), Reading())
     return _apply_reading(pixels, reading)
@@ -108,8 +108,8 @@ _TURNS: dict[int, Callable[[NDArray[np.uint8]], NDArray[np.uint8]]] = {
 def read_photograph_mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """Return the mask (H, W, 1) of a view, rotated and undistorted like its photograph of (H, W) = `shape`.
 
-    The mask is the first channel of the file, as for culling; a view without a mask is opaque. Masks of
-    captures may differ in size from the photographs; they are then resized.
+    The mask is the first channel of the file. A view without a mask is opaque. In captures outside the
+    benchmark, a mask of another size is resized.
     """
     path = scene.masks.get(str(camera.name))
     if path is None:
@@ -117,12 +117,12 @@ def read_photograph_mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -
     mask, reading = read_mask(path)[..., None], scene.readings.get(str(camera.name), Reading())
     lens = reading.lens
     height, width = shape if lens is None else (lens.height, lens.width)
-    # A mask with the shape of the rotated photograph is already upright; any other mask is rotated.
+    # A mask with the shape of the rotated photograph is already upright. All other masks are rotated.
     if reading.orientation != 1 and (mask.shape[0] > mask.shape[1]) != (height > width):
         mask = _apply_reading(mask, Reading(reading.orientation))
     if mask.shape[:2] != (height, width):
         if scene.dataset in DATASETS:
-            text = f"it has {mask.shape[1]} x {mask.shape[0]} pixels, its photograph {width} x {height}"
+            text = f"it has {mask.shape[1]} x {mask.shape[0]} pixels; its photograph has {width} x {height}"
             raise MetricError("METRIC_SIZES_DIFFER", text, file=path)
         mask = _resize(mask, (width, height), "bilinear")
     return _apply_reading(mask, Reading(lens=lens))
@@ -134,7 +134,10 @@ def _composite(color: NDArray[np.uint8], alpha: NDArray[np.uint8], background: A
 
 
 def _resize(image: NDArray[Any], size: tuple[int, int], resampling: str) -> NDArray[Any]:
-    """Return the image, resized by Pillow to `size`. Bytes stay bytes, and floats become float32."""
+    """Return the image, resized by Pillow to `size`.
+
+    The result is uint8 for a uint8 image, otherwise float32.
+    """
     from PIL import Image
 
     if (image.shape[1], image.shape[0]) == size:

@@ -14,7 +14,7 @@ from msb.errors import Finding
 # An image (H, W, 3) in [0, 1].
 Pixels = NDArray[np.float64]
 
-# Rounding of both images for every image metric; bytes are used unchanged.
+# Rounding rule for the floats of both images, used by every image metric. Bytes are not rounded.
 INPUT_RULE = "clamp to [0, 1], floor(255 x + 0.5) / 255"
 
 
@@ -42,7 +42,7 @@ class Identity:
 
 
 def defined(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the JSON of an identity without library versions: the part that defines the metric."""
+    """Return the part of an identity that defines the metric, without the versions of libraries."""
     return {key: value for key, value in identity.items() if key != "libraries"}
 
 
@@ -57,7 +57,7 @@ class Definition:
     unit: str
     # All parameters of the metric's definition.
     parameters: Mapping[str, Any]
-    # Packages whose arithmetic affects the value; their versions are recorded.
+    # Packages whose arithmetic affects the value. The versions of these packages are recorded.
     libraries: tuple[str, ...]
     # Increase this number when a code change alters the values.
     version: int = 1
@@ -65,7 +65,7 @@ class Definition:
     def identity(
         self, *, weights: Mapping[str, Any] | None = None, **chosen: str | float | bool | None
     ) -> Identity:
-        """Return the identity of a value computed now; `chosen` overrides the parameters."""
+        """Return the identity of a value computed now. The arguments `chosen` override the parameters."""
         packages = {package: package_version(package) for package in self.libraries}
         parameters = {**self.parameters, **chosen}
         return Identity(self.name, self.version, self.better, self.unit, parameters, packages, weights)
@@ -125,7 +125,7 @@ class ImageMetric(Definition):
     ) -> Identity:
         """Return the identity of a value (see `Definition`).
 
-        `quantize` states whether floats are rounded to 8 bits.
+        Set `quantize` if floats are rounded to 8 bits.
         """
         plain = super().identity(weights=weights, **chosen)
         rule = INPUT_RULE if quantize else "clamp to [0, 1]"

@@ -81,7 +81,7 @@ def read_pixels(path: Path, modes: tuple[str, ...] = ("RGB", "RGBA")) -> NDArray
 
 
 def read_mask(path: Path) -> NDArray[np.uint8]:
-    """Return the first channel (H, W) of a mask; the file may also be a grey image."""
+    """Return the first channel (H, W) of a mask. The file may also be a grey image."""
     pixels = read_pixels(path, ("L", "RGB", "RGBA"))
     return pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[..., 0])
 
@@ -91,7 +91,7 @@ def _decode(path: Path, modes: tuple[str, ...]) -> NDArray[np.uint8]:
 
     _check_png_kind(path)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # this module checks image sizes
+        warnings.simplefilter("ignore")  # `_check_size` checks the size
         image = Image.open(path, formats=image_formats())
     with image:
         _check_size(path, *image.size)
@@ -162,7 +162,7 @@ def _read_exr(path: Path) -> NDArray[Any]:
         corners = np.asarray(file.header()["dataWindow"], np.int64)
     width, height = (int(side) for side in corners[1] - corners[0] + 1)
     _check_size(path, width, height)
-    printed = io.StringIO()  # for unreadable pixels, the library only prints a message and returns zeros
+    printed = io.StringIO()  # for unreadable pixels, the library prints a message and returns zeros
     with contextlib.redirect_stdout(printed), OpenEXR.File(str(path)) as file:
         channels = file.channels()
         names = ", ".join(sorted(channels)) or "none"

@@ -65,9 +65,8 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
 def psnr_of_mse(mse: float) -> float:
     """Return the PSNR in dB of a mean squared error of values in [0, 1]; inf if the error is 0.
 
-    Divide the mean squared error of bytes by 255^2 before the call. Callers decide how to print or average an
-    infinite
-    PSNR: as `PSNR_CAP`, as None or as "equal".
+    For bytes, divide the mean squared error by 255^2 before the call. Callers decide how to print or average
+    an infinite PSNR: as `PSNR_CAP`, as None or as "equal".
     """
     return math.inf if mse == 0 else -10 * math.log10(mse)
 
@@ -112,7 +111,7 @@ def ssim(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
 
 def _ssim(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     need_extra("bench", "skimage", what="SSIM")
-    with ThreadPoolExecutor(3) as pool:  # the filters release the GIL, and each channel needs memory
+    with ThreadPoolExecutor(3) as pool:  # the filters release the GIL
         channels = list(pool.map(_ssim_channel, np.moveaxis(a, 2, 0), np.moveaxis(b, 2, 0)))
     return math.fsum(channels) / len(channels)
 
@@ -156,7 +155,7 @@ def check_pair(
 
 
 def check_image(image: ArrayLike, name: str) -> NDArray[Any]:
-    """Return an image that metrics accept; raise METRIC_IMAGE if the image called `name` is invalid."""
+    """Return an image that metrics accept. If the image called `name` is invalid, raise METRIC_IMAGE."""
     array = np.asarray(image)
     if array.ndim != 3 or array.shape[2] != 3 or array.size == 0:
         shape = " x ".join(map(str, array.shape)) or "a single value"
@@ -183,7 +182,7 @@ def check_image(image: ArrayLike, name: str) -> NDArray[Any]:
 def _to_unit_range(array: NDArray[Any], quantize: bool) -> NDArray[np.float64]:
     """Return an image as values in [0, 1].
 
-    With `quantize`, floats are first rounded to multiples of 1 / 255, in their own precision.
+    If `quantize` is true, floats are first rounded to multiples of 1 / 255.
     """
     if array.dtype != np.uint8:
         kind = array.dtype if array.dtype.itemsize >= 4 else np.dtype(np.float32)

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 _HEADER = 128
 _MATRIX, _COMPRESSED = 14, 15
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-# Class numbers of numeric arrays. Lower numbers denote cells, structures, text and sparse arrays.
+# Class numbers of numeric arrays. Smaller numbers are the classes of cells, structures, text and sparse
+# arrays.
 _NUMERIC = range(6, 16)
 _COMPLEX = 0x0800
 # Maximum number of bytes before the values of an array: flags, up to 32 axes, and a name of up to 63
@@ -29,10 +30,10 @@ _ENDS = "the file ends within a variable"
 
 @dataclass(frozen=True)
 class Variable:
-    """An array in a MATLAB file; its values are not read yet."""
+    """An array in a MATLAB file. The values are not read yet."""
 
     name: str
-    # Values as stored, not checked.
+    # Values as stored, without a check.
     shape: tuple[int, ...]
     _body: memoryview
     _compressed: bool
@@ -83,7 +84,7 @@ def find_variables(data: bytes) -> dict[str, Variable]:
 
 def _describe(body: memoryview, compressed: bool, order: str) -> Variable:
     head = _unpack(body, compressed, _HEAD)
-    at = 8 if compressed else 0  # the tag of the matrix is part of the compressed data
+    at = 8 if compressed else 0  # for compressed data, skip the tag of the matrix
     _, start, _, at = _read_element(head, at, order)
     flags = _read_numbers(head, start, 1, order)[0]
     _, start, size, at = _read_element(head, at, order)

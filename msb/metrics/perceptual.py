@@ -41,8 +41,8 @@ def lpips_vgg(
 ) -> float:
     """Return LPIPS (version 0.1, VGG16, inputs mapped to [-1, 1]) of two images; 0 for equal images.
 
-    The network stays loaded between calls with the same weight file. Use `LpipsVgg` to load and release the
-    network explicitly.
+    The network stays in memory for further calls with the same weight file. Use `LpipsVgg` to load and
+    release the network explicitly.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class LpipsVgg:
         self.weights: dict[str, Any] = {"vgg": record, "heads": about}
         self.warnings: tuple[Finding, ...] = ()
         if record["known"] is None:
-            text = f"its sha256 {record['sha256'][:16]}... is not that of vgg16-397923af.pth"
+            text = f"its sha256 {record['sha256'][:16]}... differs from the sha256 of vgg16-397923af.pth"
             self.warnings = (finding("METRIC_VGG_UNKNOWN", text, severity="warning"),)
         self._layers: list[tuple[int, Any, Any]] = [
             (number, torch.from_numpy(tensors[f"{name}.weight"]), torch.from_numpy(tensors[f"{name}.bias"]))
@@ -135,8 +135,7 @@ class LpipsVgg:
             raise MetricError("METRIC_IMAGE", text)
         terms = []
         with torch.inference_mode():
-            # Pass both images through one layer at a time, so that only two feature maps are in memory
-            # instead of ten.
+            # Pass both images through one layer at a time. Only two feature maps then need memory.
             x, y = (torch.from_numpy(_prepare_input(image)) for image in (a, b))
             heads = iter(self._heads)
             for number, weight, bias in self._layers:

@@ -77,7 +77,7 @@ def _load_package_metric(key: str, entry: str) -> ImageMetric:
 
 @dataclass(frozen=True)
 class _PackageMeasure:
-    """The function of a metric from another package; error messages name that package."""
+    """The function of a metric from another package. Error messages of the function name the package."""
 
     whose: str
     measure: Any
@@ -103,7 +103,7 @@ def _list_by_name() -> dict[str, Definition]:
     return {metric.name: metric for metric in (*IMAGE_METRICS.values(), CHAMFER)}
 
 
-# For every metric by name, whether "higher" or "lower" is better.
+# The better direction of every metric by name: "higher" or "lower".
 METRICS: Mapping[str, str] = Lazy(lambda: {name: metric.better for name, metric in _list_by_name().items()})
 
 
@@ -135,7 +135,7 @@ def identity(
 class Measures:
     """Computes all image metrics of two images: ``Measures(vgg_weights)(pred, gt)``.
 
-    Without VGG weights, the metrics that need them are None.
+    Metrics that need VGG weights are None if the weights are missing.
 
     Attributes
     ----------
@@ -188,7 +188,7 @@ def modules_needed() -> tuple[str, ...]:
 def mean_of(values: Iterable[float | None]) -> float | None:
     """Return the average of a metric over images; None if a value is missing.
 
-    An infinite value counts as `PSNR_CAP`.
+    An infinite PSNR is replaced by `PSNR_CAP`.
     """
     capped = [PSNR_CAP if value == math.inf else value for value in values]
     known = [value for value in capped if value is not None]

@@ -1,7 +1,7 @@
 """Sample points on a mesh at a given spacing, and thin them until no two are close.
 
 Both functions follow eval.py of `jzhangbs/DTUeval-python`, which `hbb1/2d-gaussian-splatting` adapts in
-scripts/eval_dtu/eval.py. Unlike eval.py, both functions use bounded memory and have no loop over faces.
+scripts/eval_dtu/eval.py. Unlike eval.py, both functions limit memory and do not loop over faces.
 """
 
 from collections.abc import Iterator
@@ -12,15 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import MetricError
 
-# Maximum number of samples of a mesh; a culled DTU scan has about ten million. The limit for sample
+# Maximum number of samples of a mesh. A culled DTU scan has about ten million. The limit for sample
 # candidates is twice this number.
 MAX_SAMPLES = 1 << 28
 # Number of sample candidates per batch.
 _CANDIDATES = 1 << 20
 # Number of points in the first window of `thin`.
 _FIRST_WINDOW = 64
-# Maximum number of points in a window of `thin`, and maximum total number of their neighbours. A single point
-# may exceed the neighbour limit.
+# Maximum number of points in a window of `thin`, and maximum number of all their neighbours. A window with
+# only one point may have more neighbours.
 _WINDOW = 1 << 16
 _NEIGHBORS = 1 << 22
 
@@ -98,7 +98,7 @@ def _place_grid_points(
 
     A position is the pair (c1, c2).
 
-    Candidates are numbered across all faces, so that a huge face is split into batches like many small faces.
+    Candidates are numbered across all faces. A huge face is therefore split into several batches.
     """
     ends = np.cumsum(candidates)
     total = int(ends[-1]) if len(ends) else 0
@@ -115,7 +115,7 @@ def _place_grid_points(
 def thin(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
     """Thin points (N, 3): for each remaining point in turn, remove all other points within `spacing`.
 
-    The order decides which points remain, so shuffle the points first. Points at a distance of exactly
+    Shuffle the points before the call, because earlier points are kept first. Points at a distance of exactly
     `spacing` are removed too. Neighbours are searched for one window of remaining points at a time, to limit
     memory. Windows start small and grow, because in dense regions the first few points remove most other
     points.

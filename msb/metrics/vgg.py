@@ -22,11 +22,11 @@ LAYERS = tuple(zip(_NUMBERS, _CHANNELS[:-1], _CHANNELS[1:], strict=True))
 # The number of channels of each compared layer: relu1_2, 2_2, 3_3, 4_3 and 5_3, all after their ReLU.
 TAPS = {2: 64, 7: 128, 14: 256, 21: 512, 28: 512}
 VGG_FILE = "vgg16-397923af.pth"
-# SHA-256 of the published weight file of torchvision; the file name contains its first eight digits.
+# SHA-256 of the published weight file of torchvision. The file name contains the first eight digits.
 VGG_SHA256 = "397923af8e79cdbb6a7127f12361acd7a2f83e06b05044ddf496e83de57a5bf0"
 # SHA-256 of weights/v0.1/vgg.pth in lpips 0.1.4.
 HEADS_SHA256 = "a78928a0af1e5f0fcb1f3b9e8f8c3a2a5a3de244d830ad5c1feddc79b8432868"
-# Sums of the layer weights in version 0.1; the faulty version 0.0 has 3.64, 1.96, ...
+# Sum of the weights of each layer in LPIPS 0.1. The faulty version 0.0 has other sums: 3.64, 1.96, ...
 _HEAD_SUMS = (6.9260, 8.8583, 17.5150, 51.5213, 47.0349)
 # Upper bound of LPIPS: features are non-negative vectors of length 1, so each component differs by at most 1.
 MOST_LPIPS = math.fsum(_HEAD_SUMS) + 0.01
@@ -38,7 +38,7 @@ Weights = dict[str, Any]
 
 
 def weights_source(weights: Mapping[str, Any] | None) -> str:
-    """Return a text about the origin of `LpipsVgg.weights`, and whether these are the published weights.
+    """Describe the origin of `LpipsVgg.weights`, and state whether they are the published weights.
 
     Without weights, the text names the required file.
     """
@@ -121,7 +121,10 @@ def read_heads() -> tuple[list[NDArray[np.float32]], str]:
         raise MetricError("METRIC_WEIGHTS", text, file=place) from error
     for head, channels, total in zip(heads, TAPS.values(), _HEAD_SUMS, strict=True):
         if head.shape != (1, channels, 1, 1) or abs(float(head.sum()) - total) > 1e-3:
-            text = f"a layer of shape {head.shape} has the sum {head.sum():.4f}; version 0.1 has {total}"
+            text = (
+                f"the weights of a layer of shape {head.shape} have the sum {head.sum():.4f}; "
+                f"in LPIPS 0.1 the sum is {total}"
+            )
             raise MetricError("METRIC_WEIGHTS", text, file=place)
     return [head.reshape(-1).astype(np.float32) for head in heads], file_sha256(place)
 
@@ -151,10 +154,10 @@ def _read_torch(path: Path, shapes: dict[str, tuple[int, ...]]) -> Weights:
 
 
 def _read_npz(path: Path, shapes: dict[str, tuple[int, ...]]) -> Weights:
-    # Open the file here, because NumPy does not close a file that is not an archive.
+    # Open the file here, because NumPy leaves an invalid archive open.
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         for key, shape in shapes.items():
-            # Check sizes before unpacking; a number has at most 8 bytes.
+            # Check sizes before unpacking. Stored numbers have at most 8 bytes.
             most = 8 * math.prod(shape) + _MAX_HEAD
             if key in archive and archive.zip.getinfo(f"{key}.npy").file_size > most:
                 text = f"{key} is too long; it must be floats of shape {shape}"

@@ -1,4 +1,4 @@
-"""The board: one table of results from many submissions. Every row of the board names its origin."""
+"""The board: one table of results from many submissions. The board names the origin of every row."""
 
 import io
 import unicodedata
@@ -39,10 +39,10 @@ THE_PAPER = "the paper"
 _MESH = "exported_mesh"
 # Columns that follow the image quality metrics.
 _METRICS = ("fps", "p50_ms", "p95_ms", "memory", "asset_size", "nonmanifold_edge_ratio", "components")
-# Hexadecimal digits of a hash in the table of results; the table of files prints all 64 digits.
+# Hexadecimal digits of a hash in the table of results. The table of files prints all 64 digits.
 _HASH_DIGITS = 12
 # Number of hexadecimal digits of the hash added to equal names of submitters. More digits are used only if
-# another submitter already has the name with this number of digits.
+# the shorter name is already taken.
 _MIN_NAME_DIGITS, _MAX_NAME_DIGITS = 6, 64
 # Maximum width and height of a submitted image, in pixels.
 _MAX_SIDE = 4096
@@ -59,7 +59,7 @@ RowKey = tuple[str, str, str, str]
 class Board(Report):
     """A report with one table of many submissions.
 
-    `submissions` contains pairs: a unique name, and a submission.
+    `submissions` contains pairs of a unique name and a submission.
     """
 
     submissions: tuple[tuple[str, Submission], ...] = ()
@@ -68,7 +68,7 @@ class Board(Report):
 
 
 def submitted_pictures(results: ResultSet) -> list[tuple[SubmittedImage, bytes]]:
-    """Return descriptions and JPEGs of the images of a submission.
+    """Return the submitted images of a submission: their descriptions and their JPEG data.
 
     The images show the views with the largest and the median loss of each dataset.
     """
@@ -177,7 +177,7 @@ def _name_submissions(submissions: Sequence[Submission]) -> list[str]:
 def _plain_name(submission: Submission) -> str:
     """Return the submitter's name on one line.
 
-    For a name without visible letters, return digits of the hash.
+    If the name has no visible letters, return digits of the submission's hash.
     """
     name = plain_text(submission.about.name).strip()
     return name if _visible_form(name) else submission.sha256[:_HASH_DIGITS]
@@ -192,10 +192,10 @@ def _visible_form(name: str) -> str:
 
 
 def _results_table(results: Mapping[str, ResultSet], numbers: Mapping[str, Numbers], paper: Numbers) -> Table:
-    """Return a row per scene, method, condition and submitter.
+    """Return a row for each scene, method, condition and submitter.
 
-    The keys of `results` and `numbers` are submitters. The mesh metrics of a model are repeated in all its
-    rows.
+    `results` and `numbers` contain the results and numbers of each submitter, by name. The mesh metrics of a
+    model are repeated in all its rows.
     """
     metrics = [*QUALITY, *_METRICS]
     rows = []
@@ -228,7 +228,7 @@ def _results_table(results: Mapping[str, ResultSet], numbers: Mapping[str, Numbe
 
 
 def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
-    """Return the rows of the table in order, each with the submitters that have numbers for the row."""
+    """Return the rows of the table in order. Each row has the submitters with numbers for the row."""
     names_of: dict[RowKey, list[str]] = {}
     for name, of_submitter in numbers.items():
         scenes = {(key.dataset, key.scene) for key in of_submitter.values if key.scene not in MEANS}
@@ -241,7 +241,7 @@ def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
         drawn = {row_key[:3] for row_key in row_keys if row_key[3] != _MESH}
         for row_key in row_keys:
             dataset, scene, _, condition = row_key
-            # Leave out redundant rows: a mean over a single scene, and the mesh of a model with rendered
+            # Omit the mean of a single scene. Omit the exported mesh of a model that also has rendered
             # conditions.
             is_repeated_mean = scene in MEANS and count[dataset] == 1
             is_repeated_mesh = condition == _MESH and row_key[:3] in drawn
@@ -260,7 +260,7 @@ def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
 
 
 def _group_records(results: ResultSet) -> dict[RowKey, list[Result]]:
-    """Return the records of each row: one record for a scene, or the records of all scenes for a mean."""
+    """Return the records of each row. The row of a mean has the records of all scenes."""
     records: dict[RowKey, list[Result]] = {}
     for loaded in results:
         dataset, scene, method = loaded.place
@@ -271,7 +271,7 @@ def _group_records(results: ResultSet) -> dict[RowKey, list[Result]]:
 
 
 def _without_reason(cell: TableCell) -> TableCell:
-    """Return an empty table cell without its reason, because most rows of a board have many empty cells."""
+    """Return a table cell. If the cell is empty, omit the reason, because most cells of a board are empty."""
     return cell if cell.value is not None else replace(cell, reason=None, notes=())
 
 
@@ -280,7 +280,7 @@ def _text_cell(text: str) -> TableCell:
 
 
 def _provenance_cells(records: Sequence[Result]) -> tuple[TableCell, ...]:
-    """Return the table cells for model, photographs, version and device.
+    """Return four table cells: model, photographs, version and device.
 
     If the records differ, the text is "N different".
     """
@@ -303,7 +303,7 @@ def _provenance_cells(records: Sequence[Result]) -> tuple[TableCell, ...]:
 
 
 def _photographs_hash(record: Result) -> str:
-    """Return a hash of the photographs and their processing, or ""."""
+    """Return a hash of the photographs and of the settings for their comparison, or ""."""
     return str(record.inputs.get("quality", {}).get("photographs", ""))
 
 
@@ -333,7 +333,7 @@ def _submissions_table(named: Sequence[tuple[str, Submission]]) -> Table:
 
 
 def _files_table(results: Mapping[str, ResultSet]) -> Table:
-    """Return the hashes of all files behind the results of each submitter and model."""
+    """For each submitter and model, return the hashes of all files that the results are computed from."""
     rows = []
     for name, of_submitter in results.items():
         for place, conditions in of_submitter.places.items():
@@ -354,11 +354,11 @@ def _files_table(results: Mapping[str, ResultSet]) -> Table:
 
 
 def _find_differences(results: Mapping[str, ResultSet]) -> Iterator[str]:
-    """Yield reasons why rows of one or several submissions cannot be compared."""
+    """Yield reasons that make rows of one or several submissions incomparable."""
     yield from (f"{name}: {note}" for name, of_submitter in results.items() for note in of_submitter.notes)
-    # the submitters, by (dataset, scene, method) and then by the hash of the photographs
+    # For each (dataset, scene, method), group the submitters by the hash of their photographs.
     photographs: dict[tuple[str, str, str], dict[str, list[str]]] = {}
-    # the submitters, by metric and then by its definition
+    # For each metric, group the submitters by the definition of the metric.
     metrics: dict[str, dict[str, list[str]]] = {}
     for name, of_submitter in results.items():
         for loaded in of_submitter:
@@ -369,7 +369,7 @@ def _find_differences(results: Mapping[str, ResultSet]) -> Iterator[str]:
             for identity in () if loaded.result.quality is None else loaded.result.quality.metrics:
                 text = str(sorted(defined(identity).items()))
                 metrics.setdefault(str(identity.get("name")), {}).setdefault(text, []).append(name)
-    # Models with the same groups of submitters share one sentence.
+    # Write one sentence for all models with equal groups of submitters.
     places_of: dict[str, list[str]] = {}
     for where, groups in photographs.items():
         if len(groups) > 1:
@@ -382,7 +382,7 @@ def _find_differences(results: Mapping[str, ResultSet]) -> Iterator[str]:
 
 
 def _list_groups(groups: Iterable[Sequence[str]]) -> str:
-    """Return "A with B and C" for the groups of names (A, B) and (C)."""
+    """Return groups of names as text: groups (A, B) and (C) become "A with B and C"."""
     return " and ".join(" with ".join(dict.fromkeys(names)) for names in groups)
 
 
@@ -417,7 +417,7 @@ def _read_views(name: str, submission: Submission) -> Iterator[ComparedView]:
 
 
 def _read_image(picture: SubmittedImage, submission: Submission, number: int) -> JpegImage:
-    """Return a submitted image; `number` is the number of the view.
+    """Return a submitted image. `number` is the number of the view.
 
     Raises InputError if the image is not a small JPEG.
     """

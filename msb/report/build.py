@@ -37,7 +37,7 @@ NO_COMPARISON = "--against {}: no other method was measured under the same condi
 # Datasets with few scenes. Tables of these datasets show the scenes side by side, as in the paper. The tables
 # of other datasets have a row per scene.
 FEW_SCENES = ("tanksandtemples",)
-# Our builder of each table of the paper, by the label and dataset of the table ("" for all datasets).
+# For each table of the paper, the function that builds our table, and its dataset ("" for all datasets).
 _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "native_summary": (measurements.native_summary, ""),
     "native_comprehensive_results": (measurements.native_comprehensive_results, ""),
@@ -49,9 +49,9 @@ _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "mesh_connectivity": (measurements.mesh_connectivity, "mipnerf360"),
     "reproducibility_comparison": (reproducibility, ""),
 }
-# Our label of each table of the paper, by the paper's label.
+# For each label of the paper, the label of our table.
 EQUIVALENTS = {label: "-".join(filter(None, (build.__name__, at))) for label, (build, at) in _PAPER.items()}
-# The paper's label of each of our tables, by our label, if the labels differ.
+# Labels of tables that differ between this report and the paper: our label to the paper's label.
 _PAPER_LABELS = {
     "renderer_comparison-mipnerf360": "mip360_renderer_comparison",
     "renderer_comparison-tanksandtemples": "tnt_renderer_comparison",
@@ -125,7 +125,7 @@ def build_report(
     numbers = collect(results)
     comparisons = [] if against is None else compare_methods(results, numbers, against)
     paper = paper_numbers() if with_paper else Numbers({}, of_paper=True)
-    # If a dataset has a name from the paper but other scenes, drop the paper's numbers for it.
+    # If a dataset has a published name but other scenes, remove the paper's numbers for the dataset.
     others = [dataset for dataset in numbers.datasets() if numbers.has_other_scenes(dataset)]
     paper = _drop_datasets(paper, others)
     if published:
@@ -154,7 +154,7 @@ def build_report(
 
 
 def paper_report(*, pictures: bool = True) -> Report:
-    """Return the paper's own tables, built from its numbers by the builders of our tables."""
+    """Return a report on the paper's own numbers, with the tables that we also build for our results."""
     numbers = paper_numbers()
     tables = [
         replace(build(paper_numbers(label), *filter(None, [dataset])), label=label)
@@ -186,7 +186,7 @@ def paper_report(*, pictures: bool = True) -> Report:
 
 
 def _with_contradictions(*tables: Table) -> tuple[Table, ...]:
-    """Return tables of the paper, with notes on statements of the paper that contradict them."""
+    """Return tables of the paper. Add notes on statements of the paper that contradict a table."""
     known = contradictions()
     return tuple(replace(table, notes=(*table.notes, *known.get(table.label, ()))) for table in tables)
 
@@ -194,7 +194,7 @@ def _with_contradictions(*tables: Table) -> tuple[Table, ...]:
 def _with_paper_notes(table: Table) -> Table:
     """Return one of our tables.
 
-    If the table prints the paper's numbers, notes on contradictions in the paper are added.
+    Add notes on contradictions in the paper if the table prints numbers of the paper.
     """
     has_columns = any(SOURCES["meshsplatbench"] in column.groups for column in table.columns)
     if not has_columns and not any(row.paper for row in table.rows):
@@ -214,7 +214,7 @@ def _make_sections(
     few = [dataset for dataset in deployed if dataset in FEW_SCENES]
     audited = [dataset for dataset in datasets if numbers.methods(dataset, "exported_mesh")]
 
-    # Tables that depend on the kind of dataset, or on published numbers.
+    # Choose tables by the kind of dataset, and by the existence of published numbers.
     runtime = [slowdown_table(numbers, paper)] if deployed else []
     runtime += [measurements.runtime_resources(numbers, dataset, paper) for dataset in few]
     for dataset in deployed:
@@ -228,7 +228,7 @@ def _make_sections(
     if any(key.source for key in paper.values if key.dataset in datasets):
         published += [reproducibility(numbers, paper)]
         published += [reproducibility_statistics(numbers, paper)]
-    # Build the tables of each section by its name; empty tables are dropped below.
+    # Build the tables of each section. Empty tables are removed below.
     tables_of: dict[str, Iterable[Table]] = {
         "deployment": [
             *(measurements.renderer_comparison(numbers, dataset, paper) for dataset in drawn),
@@ -286,7 +286,7 @@ def _check_chosen(results: ResultSet, chosen: Sequence[str]) -> None:
 
 
 def _drop_datasets(paper: Numbers, datasets: Sequence[str]) -> Numbers:
-    """Return the paper's numbers without `datasets`."""
+    """Return the paper's numbers, except the numbers of `datasets`."""
     return replace(
         paper,
         values={key: number for key, number in paper.values.items() if key.dataset not in datasets},
@@ -309,7 +309,7 @@ def _format_count(number: int, noun: str) -> str:
 
 
 def _list_changed_files(results: ResultSet, views: Iterable[ComparedView]) -> Iterator[str]:
-    """Yield notes on missing renderings, and on renderings that are left out because their files changed."""
+    """Yield notes on missing and on changed renderings. Changed renderings are not shown."""
     missing = [
         loaded.path.parent / image.file
         for loaded in results

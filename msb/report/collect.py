@@ -42,15 +42,15 @@ from msb.report.numbers import (
 from msb.report.results import Place, ResultSet
 from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED, UNSTEADY
 
-# Metrics of each kind of condition: timing, the walk beyond the captured views, and all other image metrics.
+# Metrics of conditions with images: timing, the walk beyond the captured views, and other metrics.
 _TIMING = ("fps", "p50_ms", "p95_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
 WALK = ("flicker", "flicker_worst", "holes")
 _DRAWN = (*_TIMING, *WALK, "memory", "driver_memory", "asset_size")
-# Metrics of exported and baked meshes, and metrics of baked meshes alone.
+# Metrics of exported and baked meshes, and additional metrics of baked meshes.
 _OF_MESH, _OF_BAKE = ("faces", "tasks"), ("psnr_16", "bake_seconds")
 # Metrics that are computed from the frame rate.
 _RATES = ("fps", "host_ms")
-# The key in `Result.reasons` that explains a missing value of each metric.
+# For each metric, the key in `Result.reasons` of the reason for a missing value.
 _REASON_KEYS = {
     **dict.fromkeys((*_TIMING, "memory", "driver_memory"), "timing"),
     **dict.fromkeys(WALK, "walk"),
@@ -58,7 +58,7 @@ _REASON_KEYS = {
     "chamfer": "chamfer",
     "tasks": "trial",
 }
-# The attribute of `Result.floor`, the cost of a single triangle, for each metric.
+# For each metric, the attribute of `Result.floor` with the cost of a single triangle.
 _FLOOR_ATTRIBUTES = {"memory": "memory_bytes", "p50_ms": "p50_ms", "p95_ms": "p95_ms"}
 
 NOT_RUN = "this condition was not run"
@@ -104,11 +104,11 @@ def collect(results: ResultSet) -> Numbers:
         renderers = drawn_by[dataset] = _find_renderers(of_places)
         conditions_of = _list_conditions(of_places)
         for method in _sort_names(conditions_of, METHODS):
-            # Collect the records of this method, by scene and condition. A scene without records has an empty
-            # dictionary.
+            # Collect the records of this method, by scene and condition. For a scene without records, the
+            # dictionary is empty.
             of_scenes = {scene: of_places.get(Place(dataset, scene, method), {}) for scene in scenes}
             conditions = conditions_of[method]
-            # Add single values and averages, first of the conditions, then of the trained model.
+            # Add values of single scenes and averages: first for the conditions, then for the trained model.
             for condition in conditions:
                 metrics = _metrics_of(condition)
                 _add_condition(values, views, dataset, method, condition, metrics, of_scenes)
@@ -135,7 +135,7 @@ def collect(results: ResultSet) -> Numbers:
 
 
 def _find_renderers(of_places: Mapping[Place, Mapping[str, Result]]) -> dict[str, str]:
-    """Return the renderer of each condition on a dataset: an engine, OpenCL, NumPy, or native code."""
+    """Return the renderer's name for each condition: an engine, OpenCL, NumPy, or native code."""
     names: dict[str, dict[str, None]] = {}
     for conditions in of_places.values():
         for condition, result in conditions.items():
@@ -149,7 +149,10 @@ def _find_renderers(of_places: Mapping[Place, Mapping[str, Result]]) -> dict[str
 
 
 def _collect_views(records: Mapping[Place, Mapping[str, Result]]) -> dict[Key, dict[str, float]]:
-    """Return the values of all views, for each image metric that every view of a record has."""
+    """Return the values of all views for each image metric.
+
+    Metrics without a value for every view are omitted.
+    """
     return {
         Key(*place, condition, metric): values
         for place, conditions in records.items()
@@ -160,7 +163,7 @@ def _collect_views(records: Mapping[Place, Mapping[str, Result]]) -> dict[Key, d
 
 
 def _sort_names(names: Iterable[str], first: Iterable[str]) -> list[str]:
-    """Return `names` in a new order: the names in `first`, then all other names in natural order."""
+    """Return `names` in the order of `first`. All other names follow in natural order."""
     order = list(first)
 
     def rank(name: str) -> tuple[int, list[Any]]:
@@ -171,7 +174,7 @@ def _sort_names(names: Iterable[str], first: Iterable[str]) -> list[str]:
 
 
 def _list_conditions(of_places: Mapping[Place, Mapping[str, Result]]) -> dict[str, list[str]]:
-    """Return the conditions of each method on a dataset: recorded conditions and unsupported conditions."""
+    """For each method on a dataset, return the recorded conditions and the unsupported conditions."""
     recorded: dict[str, set[str]] = {}
     for place, conditions in of_places.items():
         recorded.setdefault(place.method, set()).update(conditions)
@@ -183,7 +186,7 @@ def _list_conditions(of_places: Mapping[Place, Mapping[str, Result]]) -> dict[st
 
 
 def _why_unsupported(method: str, condition: str) -> str | None:
-    """Return why a method does not support the tier of a condition; None if it supports the tier."""
+    """Return the reason if a method does not support the tier of a condition, else None."""
     definition = METHODS.get(method)
     tier = condition.partition("/")[0]
     if definition is None or tier not in ("dedicated", "standard"):
@@ -192,7 +195,7 @@ def _why_unsupported(method: str, condition: str) -> str | None:
 
 
 def _metrics_of(condition: str) -> tuple[str, ...]:
-    """Return the metrics of a condition, except metrics of the trained model."""
+    """Return the names of all metrics of a condition, except metrics of the trained model."""
     metrics = (*AUDITED, *_OF_MESH) if condition == "exported_mesh" else (*QUALITY, *_DRAWN)
     return (*metrics, *_OF_MESH, *_OF_BAKE) if condition.startswith(f"{BAKED}/") else metrics
 
@@ -237,7 +240,7 @@ def _add_condition(
 def _floor_number(metric: str, result: Result | None, number: Number) -> Number:
     """Return the cost of a single triangle.
 
-    If the cost of the mesh (`number`) has no value, return `number`.
+    If the cost `number` of the mesh is missing, return `number`.
     """
     if number.value is None:
         return number
@@ -248,7 +251,10 @@ def _floor_number(metric: str, result: Result | None, number: Number) -> Number:
 
 
 def _with_interval(number: Number, keys: Sequence[Key], views: Mapping[Key, Mapping[str, float]]) -> Number:
-    """Return `number` with the confidence interval, without p value, of the mean over the views at `keys`."""
+    """Add a confidence interval to `number`, without a p value.
+
+    The interval describes the mean over the views at `keys`.
+    """
     if number.value is None or keys[0].metric not in QUALITY:
         return number
     mean = interval([list(views[key].values()) for key in keys if key in views])
@@ -256,7 +262,10 @@ def _with_interval(number: Number, keys: Sequence[Key], views: Mapping[Key, Mapp
 
 
 def _find_asset_record(conditions: Mapping[str, Result], metric: str) -> Result | None:
-    """Return a record with a metric of the trained model, or else a record that explains its absence."""
+    """Return a record with a value of a metric of the trained model.
+
+    If no such record exists, return a record that explains the missing value.
+    """
     for result in conditions.values():
         if METRICS[metric].get(result) is not None:
             return result
@@ -265,7 +274,7 @@ def _find_asset_record(conditions: Mapping[str, Result], metric: str) -> Result 
 
 
 def _make_number(metric: str, method: str, condition: str, result: Result | None) -> Number:
-    """Return the value of a metric in a record, or a number that gives the reason for the missing value."""
+    """Return the value of a metric in a record. If the value is missing, the result gives the reason."""
     if result is None:
         why = _why_unsupported(method, condition)
         return Number(None, NOT_AVAILABLE, NOT_RUN) if why is None else Number(None, NOT_SUPPORTED, why)
@@ -283,7 +292,7 @@ def _make_number(metric: str, method: str, condition: str, result: Result | None
 
 
 def _why_missing(metric: str, result: Result) -> str:
-    """Return why a finished record has no value of a metric."""
+    """Return the reason that a finished record has no value of a metric."""
     part = "quality" if metric in QUALITY else _REASON_KEYS.get(metric)
     measured_elsewhere = "renderer_timing" if metric in ("fps", "memory") else part
     for name in (part, measured_elsewhere):
@@ -345,7 +354,7 @@ def _notes_on(metric: str, result: Result) -> Iterable[str]:
 
 
 def _average(numbers: Mapping[str, Number], members: Iterable[str]) -> Number:
-    """Return the mean of `numbers` (by scene) over the scenes `members`, with the notes of all numbers."""
+    """Return the mean of `numbers` over the scenes `members`, with all notes of the numbers."""
     mean = mean_over({scene: number.value for scene, number in numbers.items()}, members)
     if mean.value is not None:
         notes = dict.fromkeys(note for number in numbers.values() for note in number.notes)
@@ -354,7 +363,7 @@ def _average(numbers: Mapping[str, Number], members: Iterable[str]) -> Number:
             named = ", ".join(map(scene_title, scenes))
             notes[f"({mean.present}/{mean.expected}): mean over {named} only"] = None
         return Number(mean.value, present=mean.present, expected=mean.expected, notes=tuple(notes))
-    # If no scene has a value, give the most frequent reason.
+    # If no scene has a value, the result has the most frequent reason.
     kinds = [number.absent for number in numbers.values()]
     if all(kind == NOT_SUPPORTED for kind in kinds):
         absent = NOT_SUPPORTED
@@ -372,7 +381,7 @@ def _add_gaps(
     pairs: Sequence[tuple[str, str]],
     of_scenes: Mapping[str, Mapping[str, Result]],
 ) -> None:
-    """Add the quality gaps of a method to `gaps`, for each pair (standard, dedicated) of conditions."""
+    """Compute the quality gaps of a method for each pair of conditions, and add them to `gaps`."""
     expected = expected_scenes(dataset, of_scenes)
     for pair in pairs:
         # Collect the records by tier instead of by condition.
@@ -392,11 +401,11 @@ def _add_gaps(
 def _add_setup_notes(
     values: Mapping[Key, Number], records: Mapping[Place, Mapping[str, Result]]
 ) -> dict[Key, Number]:
-    """Return `values` with notes on image metrics if the setup differs between methods."""
+    """Add notes to image metrics if the setups of the methods differ, and return the new values."""
     setups: dict[Place, dict[str, str]] = {}
     counts: dict[tuple[str, ...], Counter[str]] = defaultdict(Counter)
-    # Collect notes by (dataset, method) or (dataset, scene, method). Dictionaries keep the notes unique and
-    # in order.
+    # Collect the notes of each method on a dataset or on a single scene. Dictionaries keep the notes unique
+    # and in order.
     notes: dict[tuple[str, ...], dict[str, None]] = defaultdict(dict)
     for place, conditions in records.items():
         if setup := next(filter(None, map(_describe_setup, conditions.values())), None):
@@ -404,7 +413,7 @@ def _add_setup_notes(
             for what, value in setup.items():
                 counts[place.dataset, place.scene, what][value] += 1
         for text in (text for result in conditions.values() for text in result.trained):
-            # A scene and the average get the same text, so that a table prints the note once.
+            # Use the same text for a scene and for the average, so that a table prints the note once.
             for row in (place.scene, MEAN):
                 notes[place.dataset, row, place.method][f"{place.scene}: {text}"] = None
     for place, setup in setups.items():
@@ -424,7 +433,10 @@ def _add_setup_notes(
 
 
 def _describe_setup(result: Result) -> dict[str, str] | None:
-    """Return the parts of a setup that must be equal for a fair comparison of two methods, as text."""
+    """Return the properties of a setup as text.
+
+    The properties must be equal for a fair comparison of two methods.
+    """
     if result.setup is None:
         return None
     images = () if result.quality is None else result.quality.images

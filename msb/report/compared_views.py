@@ -1,4 +1,4 @@
-"""Renderings of a test view side by side: the choice of views, and small JPEG images of the renderings."""
+"""Choose test views, and show their renderings side by side as small JPEG images."""
 
 import base64
 import io
@@ -21,16 +21,16 @@ from msb.report.results import LoadedResult, Place, ResultSet
 from msb.report.safe_names import plain_text, slug
 
 GROUND_TRUTH = "Ground truth"
-# Maximum width of the images in pixels, and JPEG quality. With these values, a page with tens of images takes
-# a few megabytes.
+# Maximum width of the images in pixels, and JPEG quality. A page with tens of such images takes a few
+# megabytes.
 _WIDTH = 480
 _QUALITY = 85
-# Images above 64 megapixels are not opened, because a record can claim any size.
+# Do not open images above 64 megapixels, because a record can claim any size.
 _MAX_PIXELS = 1 << 26
 
 
 def data_uri(kind: str, data: bytes) -> str:
-    """Return `data` as an address that a page can embed; `kind` is its MIME type."""
+    """Return `data` as an address that a page can embed. `kind` is the MIME type of the data."""
     return f"data:{kind};base64,{base64.b64encode(data).decode()}"
 
 
@@ -71,7 +71,7 @@ class Rendering:
 
 @dataclass(frozen=True)
 class ComparedView:
-    """A test view: its photograph, and each method's renderings under all conditions.
+    """A test view, with its photograph and the renderings of each method under all conditions.
 
     `why` explains the choice of the view, such as "the largest loss". `renderings` contains the renderings of
     each method.
@@ -116,7 +116,7 @@ def select_views(
     chosen : sequence of str
         "SCENE/IMAGE", as in the records.
     """
-    # Collect the PSNR loss in dB, the asset and the view, for every view rendered under two conditions.
+    # For every view, collect the PSNR loss in dB between two conditions, the asset and the view.
     losses = [(loss, place, view) for place in places for view, loss in _find_losses(results, place).items()]
     selected: dict[tuple[str, str], str] = {}
     if losses:
@@ -144,7 +144,7 @@ def view_names(results: ResultSet, place: Place) -> set[str]:
 
 
 def _find_losses(results: ResultSet, place: Place) -> dict[str, float]:
-    """Return the PSNR loss of each view in dB, between the first and the last condition with images."""
+    """Return the PSNR loss in dB of each view, between the first and the last condition with images."""
     loaded = (results.places[place].get(condition) for condition in DRAWN_CONDITIONS)
     with_images = [record for record in loaded if record and record.result.quality]
     if len(with_images) < 2:
@@ -186,7 +186,10 @@ def _make_rendering(loaded: LoadedResult, condition: str, compared: ImageQuality
 
 
 def _read_image(path: Path | None, compared: ImageQuality, name: str) -> JpegImage | None:
-    """Return an image file as a small JPEG called `name`, or None if its size differs from the record."""
+    """Return an image file as a small JPEG called `name`.
+
+    If the size of the image differs from the record, return None.
+    """
     if path is None or compared.width * compared.height > _MAX_PIXELS:
         return None
     from PIL import Image

@@ -57,9 +57,10 @@ _INK, _PAPER = "#010203", "#fdfcfb"
 _SIZE = (4.6, 3.3)
 # Width of a sheet of images (the text width of a paper), and height of row labels, in inches.
 _SHEET_WIDTH, _LABEL_HEIGHT = 7.0, 0.2
-# Number of legend rows without extra space; each further row makes the chart taller by `_ROW_HEIGHT` inches.
+# Number of legend rows that fit without extra space. Each further row makes the chart taller by `_ROW_HEIGHT`
+# inches.
 _LEGEND_ROWS, _ROW_HEIGHT = 4, 0.19
-# Every chart has space for at least this number of bars, so that a single bar does not fill it.
+# Minimum number of bars that a chart has space for, so that a single bar does not fill the chart.
 _MIN_BARS = 3
 
 
@@ -94,7 +95,7 @@ class Figure:
 
 
 def make_figures(numbers: Numbers, paper: Numbers | None = None) -> list[Figure]:
-    """Return all charts that have numbers."""
+    """Return the charts of all datasets. Charts without numbers are omitted."""
     charts = []
     for dataset in numbers.datasets():
         charts += [plot_deployment_gap(numbers, dataset), plot_loss_split(numbers, dataset)]
@@ -110,7 +111,7 @@ def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
 
     The result is None if no method has values of two conditions.
     """
-    # Collect the points (condition number, PSNR in dB) of each method with a dedicated tier or a variant.
+    # For each method, collect the points (condition number, PSNR in dB) of its line.
     lines = {
         (method, dedicated): points
         for dedicated in ("dedicated", *numbers.variants(dataset, "dedicated"))
@@ -127,7 +128,7 @@ def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
     def draw(axes: Axes) -> None:
         for (method, dedicated), points in lines.items():
             style = dict(styles[method])
-            # A variant has the line style of its method, but a thinner line with open markers.
+            # The line of a variant has the style of its method, but is thinner and has open markers.
             if name := dedicated.partition("/")[2]:
                 style |= {"linewidth": 0.9, "markerfacecolor": "none", "markeredgecolor": style["color"]}
                 style |= {"marker": markers[dedicated], "label": f"{style['label']}, {plain_text(name)}"}
@@ -150,10 +151,10 @@ def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
 def _condition_means(numbers: Numbers, dataset: str, method: str, dedicated: str) -> list[tuple[int, float]]:
     """Return pairs (condition number, mean PSNR in dB).
 
-    The means are over the scenes that all conditions have.
+    The means are averages over the scenes that all conditions have.
 
-    The difference of two points is a gap only if both means are over the same scenes. The paper prints only
-    means, so its numbers are used unchanged.
+    Two points can be compared only if both means are over the same scenes. The paper prints only means, so
+    its numbers are used unchanged.
     """
     through = [dedicated if condition == "dedicated" else condition for condition in DRAWN_CONDITIONS]
     means = [numbers.value(Key(dataset, MEAN, method, condition, "psnr")) for condition in through]
@@ -181,7 +182,7 @@ def plot_loss_split(numbers: Numbers, dataset: str) -> Figure | None:
     Each method's bar extends from the PSNR of Standard to the PSNR of Dedicated. The parts of the bar are the
     losses due to colours, faces and blending.
     """
-    # For each method, the parts of its loss, with the PSNR in dB at both ends of each part.
+    # For each method, list the parts of its loss: the name, and the PSNR in dB at both ends.
     bars = {
         method: [(name, *gap.ends) for name, gap in split.steps.items() if gap.ends is not None]
         for method in numbers.methods(dataset)
@@ -198,7 +199,7 @@ def plot_loss_split(numbers: Numbers, dataset: str) -> Figure | None:
                 step = STEPS.index(name)
                 axes.barh(place, better - worse, 0.5, worse, color=_COLORS[step], hatch=_HATCHES[step],
                           edgecolor=_INK, linewidth=0.6, alpha=0.85, label=STEP_TITLES[name])  # fmt: skip
-            # Ticks mark both ends of every part, because a part that is a gain hides the part below.
+            # Draw a tick at both ends of every part, because a gain is drawn over the part before it.
             ends = [parts[0][2], *(better for _, better, _ in parts)]
             axes.plot(ends, [place] * len(ends), color=_INK, marker="|", markersize=16, linestyle="none")
         axes.set_yticks(range(len(bars)), [method_title(method) for method in bars])
@@ -223,7 +224,7 @@ def plot_quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
 
     The result is None if the chart would have fewer than two points.
     """
-    # For each method, the condition, frames per second, and PSNR in dB of its points.
+    # For each method, list its points: condition, frames per second and PSNR in dB.
     points: dict[str, list[tuple[str, float, float]]] = {}
     conditions = [
         name for name in numbers.conditions(dataset) if not name.startswith(("standard/", f"{BAKED}/"))
@@ -278,7 +279,7 @@ def plot_differences(pairs: Sequence[PublishedPair], dataset: str) -> Figure | N
     """Return the bar chart of our PSNR minus the published PSNR, or None without published values.
 
     If values of single scenes are published, each scene has a bar. If only means are published, each method
-    has a bar for its mean over scenes.
+    has one bar.
     """
     of_dataset = [
         pair
@@ -342,8 +343,7 @@ def _choose_styles(numbers: Numbers) -> dict[str, dict[str, Any]]:
     models = [method for dataset in numbers.datasets() for method in numbers.methods(dataset)]
     styles = {}
     for place, method in enumerate(dict.fromkeys([*METHODS, *models])):
-        # After each pass through the colours, markers and line styles are shifted, so that combinations do
-        # not repeat.
+        # When all colours are used, markers and line styles are shifted, so that combinations do not repeat.
         round_, color = divmod(place, len(_COLORS))
         styles[method] = {
             "color": _COLORS[color],
@@ -363,7 +363,7 @@ def _choose_variant_markers(numbers: Numbers, dataset: str) -> dict[str, str]:
 
 
 def _draw_legend(axes: Axes, handles: Sequence[Any] = ()) -> None:
-    """Draw a legend below the chart; `handles` are its entries (default: all).
+    """Draw a legend below the chart. `handles` are the entries of the legend (default: all).
 
     A long legend makes the chart taller.
     """
@@ -376,7 +376,7 @@ def _draw_legend(axes: Axes, handles: Sequence[Any] = ()) -> None:
 
 
 def _list_other_scenes(numbers: Numbers, dataset: str) -> str:
-    """Return the first scenes of a dataset as text, if only its name agrees with a published dataset."""
+    """Return the first scenes of a dataset that has a published name but other scenes."""
     if not numbers.has_other_scenes(dataset):
         return ""
     scenes = list(map(scene_title, numbers.scenes(dataset)))
@@ -449,15 +449,15 @@ def _write_chart(title: str, draw: Callable[[Axes], None], form: Literal["svg", 
 def _write_canvas(
     form: Literal["svg", "pdf"], size: tuple[float, float], lay_out: Callable[[Canvas], None]
 ) -> bytes:
-    """Return the bytes of a file with the drawing of `lay_out`; equal drawings give equal bytes."""
+    """Draw with `lay_out`, and return the bytes of the file. Equal drawings give equal bytes."""
     # hide warnings about a cache that cannot be written
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     need_extra("bench", "matplotlib", what="a figure")
     from matplotlib import rc_context
     from matplotlib.figure import Figure as Canvas
 
-    # Settings for the colours of text and lines, and for background colours. The settings get the placeholder
-    # colours.
+    # Settings for the colours of text and lines, and for background colours. The settings contain the
+    # placeholder colours.
     inked = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color", "grid.color")
     faces = ("figure.facecolor", "axes.facecolor", "savefig.facecolor")
     settings = {
@@ -477,7 +477,7 @@ def _write_canvas(
     }
     file = io.BytesIO()
     with rc_context(settings), warnings.catch_warnings():
-        # Ignore glyphs missing in matplotlib's font, because browsers draw the text of the SVG with their own
+        # Ignore glyphs that matplotlib's font lacks, because browsers draw the text of the SVG with their own
         # fonts.
         warnings.filterwarnings("ignore", "Glyph", UserWarning)
         canvas = Canvas(figsize=size, layout="constrained")

@@ -1,4 +1,4 @@
-"""Arrange numbers in tables: look them up, format them, mark the best values, and add the paper's rows."""
+"""Arrange numbers in tables: format the numbers, mark the best values, and add rows of the paper."""
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,13 +24,13 @@ from msb.report.numbers import (
 )
 from msb.report.table import Table, TableCell, TableColumn, TableRow
 
-# Final label of the paper's rows.
+# Last label of each row with numbers of the paper.
 PAPER_ROW = "in the paper"
 
 
 @dataclass(frozen=True)
 class RowSpec:
-    """A table row before its numbers are looked up.
+    """A table row without numbers. The numbers are added later.
 
     Attributes
     ----------
@@ -62,13 +62,16 @@ _TITLES: Mapping[str, Callable[[str], str]] = {
 def titled_row(**of: str) -> RowSpec:
     """Return a row with the given key fields, such as ``condition="standard"``.
 
-    The fields' titles label the row.
+    The titles of the fields are the labels of the row.
     """
     return RowSpec(tuple(_TITLES[name](value) for name, value in of.items()), of)
 
 
 def metric_columns(metrics: Iterable[str], *groups: str, **of: str) -> list[TableColumn]:
-    """Return one column per metric below the headings `groups`; `of` contains further fields of the keys."""
+    """Return a column for each metric, below the headings `groups`.
+
+    The keyword arguments are further fields of the keys.
+    """
     return [TableColumn(metric_title(metric), groups, {"metric": metric, **of}) for metric in metrics]
 
 
@@ -99,21 +102,23 @@ def make_table(
     columns : sequence of TableColumn
     row_specs : iterable of RowSpec
     of : mapping of str to str
-        Fields that all keys share. Fields of columns override these fields, and fields of rows override both.
+        Fields that all keys share. A column can override these fields, and a row can override the fields of
+        its columns.
     best_of : sequence of str
-        Key fields. Numbers of one metric form a group if these fields are equal. The best value of a group is
-        bold. Numbers of the paper form separate groups. Without fields, no value is bold.
+        Key fields. Numbers with equal values of these fields form a group, separately for each metric. The
+        best value of a group is bold. Numbers of the paper and our numbers are in different groups. Without
+        fields, no value is bold.
     definitions : tuple of str
         Notes on our measurements. Notes on our measurements are omitted from the paper's own tables.
     notes : tuple of str
         Further notes.
     """
-    # Collect the rows of the table, each with the keys of its cells.
+    # Collect the rows of the table, and the key of each cell.
     grid = [(spec, [Key(**{**of, **column.of, **spec.of}) for column in columns]) for spec in row_specs]
     rows = _make_rows(numbers, grid, best_of)
     if paper is not None:
-        # Insert the paper's rows from the last to the first. The positions of earlier rows then do not
-        # change.
+        # Insert the paper's rows from the last to the first. Inserting a row then does not change the
+        # positions of the rows before it.
         known = [n for n, (_, keys) in enumerate(grid) if any(paper.value(key) is not None for key in keys)]
         paper_rows = _make_rows(paper, [grid[n] for n in known], best_of)
         for n, row in reversed(list(zip(known, paper_rows, strict=True))):
@@ -138,7 +143,7 @@ def difference_cell(
 ) -> TableCell:
     """Return the table cell of a difference in `metric`.
 
-    `more` is the number of additional decimals. `parts` contains further attributes of the cell.
+    Pass the number of additional decimals as `more`. Further keyword arguments are attributes of the cell.
     """
     definition = METRICS[metric]
     printed = format_digits(value, definition.decimals + more, sign=sign)
@@ -152,7 +157,9 @@ def _scene_count(parts: Mapping[str, Any]) -> str:
 
 
 def mark_best(cells: Sequence[TableCell], groups: Sequence[Hashable], *, single: bool) -> list[TableCell]:
-    """Return `cells` with bold values: in each group and metric, the best value and values printed the same.
+    """Return `cells` with the best value of each group and metric in bold.
+
+    Values with the same printed text are also bold.
 
     Parameters
     ----------
@@ -172,7 +179,7 @@ def mark_best(cells: Sequence[TableCell], groups: Sequence[Hashable], *, single:
         if len(places) < 2 and not single:
             continue
         choose = max if METRICS[metric].better == "higher" else min
-        # Compare printed values, because a reader sees no more digits.
+        # Compare printed values: values with the same printed text are equally good.
         best = choose(_round_as_printed(cells[place]) for place in places)
         for place in places:
             marked[place] = replace(cells[place], bold=_round_as_printed(cells[place]) == best)
@@ -187,7 +194,7 @@ def _round_as_printed(cell: TableCell) -> float:
 def _make_rows(
     numbers: Numbers, grid: list[tuple[RowSpec, list[Key]]], best_of: Sequence[str]
 ) -> list[TableRow]:
-    """Return the rows of `grid` with their cells; the best values are bold."""
+    """Return the rows of `grid` with their cells. The best values are bold."""
     keys = [key for _, row_keys in grid for key in row_keys]
     values = [numbers.number(key) for key in keys]
     # A frame rate measured on a CPU is never marked as the best.

@@ -1,4 +1,4 @@
-"""The outcomes of trial tasks and of compared repair strategies, prepared for the page of an asset."""
+"""Prepare the outcomes of trial tasks and repair strategies for the page of an asset."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ _MARKS: dict[str, Mark] = {"works": "YES", "care": "WITH CARE", "fails": "NO", "
 # Audit verdicts from the best to the worst.
 _LEVELS = {"ok": 0, "limited": 1, "bad": 2}
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-# Maximum size of a PNG in bytes (4 MiB); larger images are not embedded in a page.
+# Maximum size of a PNG in bytes (4 MiB). Larger images are not embedded in a page.
 _MAX_BYTES = 4 << 20
 
 
@@ -55,7 +55,7 @@ def read_task_outcomes(loaded: LoadedResult | None, *, pictures: bool = True) ->
 
 
 def _read_png(loaded: LoadedResult, folder: str, name: str | None) -> str | None:
-    """Return a PNG from a folder beside a record as an embeddable address, or None for other files."""
+    """Return a PNG as an embeddable address, or None for a missing or different file."""
     path = None if name is None else loaded.file(f"{folder}/{name}")
     if path is None:
         return None
@@ -87,7 +87,7 @@ class RepairComparison:
 
 
 def read_repairs(loaded: LoadedResult | None) -> RepairComparison | None:
-    """Return the repair strategies in the record of an exported mesh, or None without strategies."""
+    """Return the repair strategies in the record of an exported mesh. Without strategies, return None."""
     if loaded is None or loaded.result.repairs is None:
         return None
     stored, *others = loaded.result.repairs.succeeded
@@ -112,8 +112,7 @@ def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], st
         All strategies that ran.
     """
     better = [strategy for strategy in others if _grade(strategy) < _grade(stored)]
-    # Recommend two of our strategies: the best without any changed pixel, and the best that changes the
-    # image.
+    # Recommend the best strategy that changes no pixel, and the best strategy that changes the image.
     invisible = min(
         (strategy for strategy in better if strategy.peer is None and strategy.looks.standard.same),
         key=_rank,
@@ -141,12 +140,15 @@ def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], st
 
 
 def _grade(strategy: Strategy) -> tuple[int, int]:
-    """Return a sort key that puts the best mesh first: by working tasks, then by the audit verdict."""
+    """Return a sort key: first the number of working tasks, then the audit verdict.
+
+    The best mesh comes first.
+    """
     return -strategy.trials_passed_after, _LEVELS[strategy.verdict_after]
 
 
 def _rank(strategy: Strategy) -> tuple[tuple[int, int], int]:
-    """Return the grade, and for equal grades the number of components."""
+    """Return a sort key: the grade, then the number of components."""
     return _grade(strategy), strategy.components
 
 
@@ -187,7 +189,7 @@ def _make_table(document: RepairDocument) -> Table:
 
 
 def _make_cells(strategy: Strategy, stored_faces: int) -> tuple[TableCell, ...]:
-    """Return the table cells of a strategy; `stored_faces` is the number of faces of the unrepaired mesh."""
+    """Return the table cells of a strategy. `stored_faces` is the number of faces of the unrepaired mesh."""
     passed, total = strategy.trials_passed_after, len(strategy.trials)
     tasks = TableCell(f"{passed} of {total}", float(passed), "tasks")
     return (

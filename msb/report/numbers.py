@@ -1,7 +1,7 @@
 """The numbers of tables, charts and findings, by dataset, scene, method, condition and metric.
 
 Measured numbers come from result records (`msb.report.collect`), the paper's numbers from its published
-tables (`msb.report.paper`). All later code treats measured and published numbers alike.
+tables (`msb.report.paper`). Tables, charts and findings treat measured and published numbers in the same way.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,8 +21,8 @@ from msb.report.table import NOT_AVAILABLE
 
 # Values of `Key.scene` that denote averages over the scenes of a dataset.
 MEAN = "mean"
-# The cost of a single triangle, averaged over the scenes. The cost of a single triangle is the part of a
-# renderer's cost that does not depend on the mesh.
+# The cost of a single triangle, averaged over the scenes. A single triangle shows the part of a renderer's
+# cost that does not depend on the mesh.
 FLOOR = "floor_mean"
 # The heading of each row of averages, by the value of `Key.scene`.
 MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean", FLOOR: "Floor"}
@@ -69,7 +69,7 @@ class Key(NamedTuple):
     def is_of_asset(self) -> bool:
         """Whether the number describes the trained model.
 
-        The condition of a number about the trained model may have no images.
+        A number of the trained model can have a condition without images, such as an exported mesh.
         """
         return self.metric in ASSET_METRICS
 
@@ -107,8 +107,8 @@ class GapKey(NamedTuple):
     """The key of the three quality gaps of a method.
 
     `scene` is the name of a scene, or "mean". `standard` and `dedicated` name the two conditions that are
-    compared. The defaults are the two tiers. `standard` can also be another engine or a bake, and `dedicated`
-    a variant.
+    compared. By default, the two tiers are compared. `standard` can also be another engine or a bake, and
+    `dedicated` a variant.
     """
 
     dataset: str
@@ -120,7 +120,7 @@ class GapKey(NamedTuple):
 
     @property
     def is_between_tiers(self) -> bool:
-        """Whether the gaps are between the two tiers themselves, without engines, bakes and variants."""
+        """Whether the gaps compare the tiers Standard and Dedicated."""
         return (self.standard, self.dedicated) == ("standard", "dedicated")
 
 
@@ -134,7 +134,7 @@ class SplitKey(NamedTuple):
 
 
 class RatioKey(NamedTuple):
-    """The key of a ratio of frame rates: the averages of two conditions on a dataset."""
+    """The key of a ratio of frame rates. The ratio compares two conditions on a dataset."""
 
     dataset: str
     method: str
@@ -172,7 +172,7 @@ class Numbers:
     of_paper: bool = False
 
     def number(self, key: Key) -> Number:
-        """Return the number at `key`. An unknown key gives a missing number ("--")."""
+        """Return the number at `key`. For an unknown key, the result is a missing number ("--")."""
         return self.values.get(key, Number(None))
 
     def value(self, key: Key) -> float | None:
@@ -215,7 +215,10 @@ class Numbers:
         return list(dict.fromkeys(key.scene for key in self._keys.get(dataset, ()) if key.scene not in MEANS))
 
     def conditions(self, dataset: str) -> list[str]:
-        """Return the conditions with images: each tier followed by its variants or engines, then bakes."""
+        """Return the conditions with images.
+
+        Each tier precedes its variants or engines, and bakes are last.
+        """
         conditions = dict.fromkeys(
             key.condition
             for key in self._keys.get(dataset, ())
@@ -224,20 +227,20 @@ class Numbers:
         return sorted(conditions, key=condition_order)
 
     def variants(self, dataset: str, condition: str) -> list[str]:
-        """Return the variants of "dedicated", the engines of "standard", or the bakes of "baked"."""
+        """Return all variants of "dedicated", all engines of "standard", or all bakes of "baked"."""
         return select_variants(self.conditions(dataset), condition)
 
     def gap_pairs(self, dataset: str) -> list[tuple[str, str]]:
-        """Return the pairs (standard, dedicated) of conditions between which gaps are computed."""
+        """Return all pairs of conditions (standard, dedicated) for quality gaps."""
         return list_gap_pairs(self.conditions(dataset), self.drawn_by.get(dataset, {}))
 
     def ratio_pairs(self, dataset: str) -> list[tuple[str, str]]:
-        """Return the pairs (standard, dedicated) of conditions whose frame rates are compared."""
+        """Return all pairs of conditions (standard, dedicated) for ratios of frame rates."""
         return list_ratio_pairs(self.conditions(dataset), self.drawn_by.get(dataset, {}))
 
     @cached_property
     def _keys(self) -> dict[str, list[Key]]:
-        """All number keys of each dataset."""
+        """The keys of all numbers, by dataset."""
         keys: dict[str, list[Key]] = {}
         for key in self.values:
             keys.setdefault(key.dataset, []).append(key)
@@ -260,15 +263,15 @@ def method_title(method: str) -> str:
 
 
 def select_variants(conditions: Iterable[str], condition: str) -> list[str]:
-    """Return all variants, engines or bakes of `condition` among `conditions`."""
+    """Return all names in `conditions` that begin with the name `condition` and a slash."""
     return [name for name in conditions if name.startswith(f"{condition}/")]
 
 
 def list_gap_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
-    """Return the pairs (standard, dedicated) of conditions between which gaps are computed.
+    """Return all pairs of conditions (standard, dedicated) for quality gaps.
 
     The two tiers form a pair, and so do Standard and each variant of Dedicated. Each engine and each bake is
-    paired with Dedicated. If an engine draws both tiers, its two conditions also form a pair.
+    paired with Dedicated. If one engine draws both tiers, these two conditions also form a pair.
     """
     variants = select_variants(conditions, "dedicated")
     pairs = [
@@ -281,11 +284,11 @@ def list_gap_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> li
 
 
 def list_ratio_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
-    """Return the pairs (standard, dedicated) of conditions whose frame rates are compared.
+    """Return all pairs of conditions (standard, dedicated) for ratios of frame rates.
 
-    Dedicated and each of its variants are paired with Standard in the same engine. If no engine draws both
-    tiers, Dedicated and its variants are paired with the standard tier. Frame rates of two engines are not
-    compared, because they may be measured on different devices.
+    For an engine that draws both tiers, Dedicated and its variants are paired with Standard of the same
+    engine. If no engine draws both tiers, Dedicated and its variants are paired with the standard tier. Frame
+    rates of two engines are not compared, because they may be measured on different devices.
     """
     engines = {drawn_by.get(name): name for name in select_variants(conditions, "standard")}
     dedicated = ("dedicated", *select_variants(conditions, "dedicated"))

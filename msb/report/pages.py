@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from msb.report.verdict import Verdict
 
 FORMATS: tuple[ReportFormat, ...] = ("md", "tex", "csv", "json", "html")
-# Maximum size of an embedded film in bytes (4 MiB); pages link to larger films.
+# Maximum size of an embedded film in bytes (4 MiB). Pages link to larger films.
 MAX_EMBEDDED_FILM = 4 << 20
 
 
@@ -91,7 +91,7 @@ def report_files(
 
 
 def _make_grid(report: Report) -> dict[str, Any]:
-    """Return the verdicts by dataset, scene and method for the table of assets, and all methods."""
+    """Return the verdicts by dataset, scene and method for the table of assets. Also return all methods."""
     datasets: dict[str, dict[str, dict[str, Verdict]]] = {}
     methods: dict[str, None] = {}
     for verdict in report.verdicts:
@@ -160,7 +160,7 @@ def _embed_film(path: Path, root: Path, folder: Path | None) -> dict[str, str] |
 
     Films up to `MAX_EMBEDDED_FILM` bytes are embedded. The result is None if the file does not exist.
     """
-    # the file cannot be read, its name contains a NUL, or it is on another drive
+    # ignore an unreadable file, an invalid name, and a file on another drive
     with suppress(OSError, ValueError):
         if path.is_file() and path.resolve().is_relative_to(root.resolve()):
             if path.stat().st_size <= MAX_EMBEDDED_FILM:
@@ -192,7 +192,7 @@ def _make_environment() -> Environment:
 
 
 def _bind_arrows(heading: str) -> str:
-    """Return a heading with a no-break space before each arrow."""
+    """Replace the space before each arrow of a heading by a no-break space."""
     return re.sub(" (?=[↑↓])", "\N{NO-BREAK SPACE}", heading)
 
 

@@ -1,4 +1,4 @@
-"""Rankings of methods by a metric, and the pairs of methods that swap places between two rankings."""
+"""Rank methods by a metric, and find pairs of methods that swap places between two rankings."""
 
 from itertools import combinations
 
@@ -27,7 +27,10 @@ def rank_methods(numbers: Numbers, dataset: str, condition: str, metric: str) ->
 
 
 def rank_common_methods(numbers: Numbers, dataset: str, condition: str, other: str) -> Ranking:
-    """Return the PSNR ranking in `condition` of the methods with complete averages in both conditions."""
+    """Return the PSNR ranking in `condition`.
+
+    Methods without complete averages in both conditions are left out.
+    """
     methods = dict(rank_methods(numbers, dataset, other, "psnr"))
     return [item for item in rank_methods(numbers, dataset, condition, "psnr") if item[0] in methods]
 
@@ -43,8 +46,8 @@ def find_swaps(
 ) -> list[tuple[str, str]]:
     """Return the pairs of methods whose order differs between two rankings.
 
-    The two methods must differ by at least the last printed digit in both rankings. `before` is a ranking by
-    `metric`, and `after` a ranking by `after_metric`.
+    The two methods must differ by at least the last printed digit in both rankings. The metric of the ranking
+    `before` is `metric`, and the metric of the ranking `after` is `after_metric`.
     """
     values = dict(after)
     return [
@@ -57,14 +60,16 @@ def find_swaps(
 def find_most_certain_swap(
     numbers: Numbers, dataset: str, swaps: list[tuple[str, str]], conditions: tuple[str, str]
 ) -> Interval:
-    """Return the t test of the most significant swap among `swaps`, pairs of methods that swap places.
+    """Return the t test of the most significant swap among `swaps`.
 
-    The difference between the methods of a swap is tested under both conditions. The larger of both p values
-    counts for a swap, and the swap with the smallest p value is returned.
+    Two methods are swapped if their order differs between the two conditions.
+
+    The difference between the methods of a swap is tested under both conditions. The p value of a swap is the
+    larger p value of both tests. The swap with the smallest p value is returned.
     """
 
     def p_value(difference: Interval) -> float:
-        # an untested difference counts as less certain than any p value
+        # an untested difference gets a value above every p value
         return 2.0 if difference.p is None else difference.p
 
     def test_difference(pair: tuple[str, str], condition: str) -> Interval:

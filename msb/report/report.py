@@ -60,7 +60,10 @@ class Report:
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """The verdict on each asset. Verdicts compare renderings, so they are computed on first access."""
+        """The verdict on each asset.
+
+        Verdicts are computed on first access, because they compare renderings.
+        """
         if self.results is None:
             return ()
         places = self.results.places
@@ -75,7 +78,7 @@ class Report:
 
     @property
     def mixes(self) -> bool:
-        """Whether a table has rows of the paper between rows of ours."""
+        """Whether a table of ours also has rows of the paper."""
         return any(row.paper for table in self.tables.values() for row in table.rows)
 
     def to_dict(self) -> dict[str, Any]:

@@ -32,8 +32,8 @@ class LoadedResult:
     # The file of the record, and the results folder that contains it.
     path: Path
     root: Path
-    # The last part of the folder's path. The text distinguishes models with equal names. The text is "" for a
-    # unique name.
+    # The last parts of the folder's path. The text is added to names of models that are otherwise equal. For
+    # a unique name, the text is "".
     folder: str = ""
 
     @property
@@ -94,8 +94,8 @@ def read_results(*folders: str | os.PathLike[str], allow_mixed: bool = False) ->
     *folders : path-like
         Folders written by `msb run`. If two folders contain the same cell, the later folder counts.
     allow_mixed : bool
-        Accept records that must not be compared, with a note. With `allow_mixed`, models whose records differ
-        between two folders become separate models, named after their folders.
+        Accept records that must not be compared, with a note. With `allow_mixed`, a model with different
+        records in two folders becomes two models. The names of the folders distinguish them.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def read_results(*folders: str | os.PathLike[str], allow_mixed: bool = False) ->
 
 
 def result_set(records: Sequence[LoadedResult], *, allow_mixed: bool = False) -> ResultSet:
-    """Return `records` by asset and condition; raises UsageError like `read_results`."""
+    """Return `records` by asset and condition. The errors are those of `read_results`."""
     conflicts = _find_conflicts(records)
     names = _shorten_folders(records)
     records = [
@@ -155,7 +155,7 @@ def _read_folder(root: Path) -> list[LoadedResult]:
 
 
 def _find_differences(records: Iterable[LoadedResult]) -> Iterator[str]:
-    """Yield differences between records that tables would show side by side."""
+    """Yield differences between records that would appear side by side in tables."""
     identities: dict[str, tuple[object, LoadedResult]] = {}
     of_place: dict[tuple[Place, str], tuple[object, LoadedResult]] = {}
     for loaded in records:
@@ -192,7 +192,7 @@ def _find_conflicts(records: Sequence[LoadedResult]) -> dict[Place, str]:
 
 
 def _collect_cell_facts(result: Result) -> dict[str, object]:
-    """Return the properties that must agree in two records of one cell."""
+    """Return the properties that must be equal in two records of one cell."""
     facts: dict[str, object] = {}
     if result.renderer is not None:
         facts["settings"] = result.renderer.settings
@@ -203,7 +203,7 @@ def _collect_cell_facts(result: Result) -> dict[str, object]:
 
 
 def _shorten_folders(records: Iterable[LoadedResult]) -> dict[Path, str]:
-    """Return for each results folder the shortest end of its path that is unique among the folders."""
+    """Return a unique short name for each results folder. The name is the end of the folder's path."""
     roots = list(dict.fromkeys(loaded.root.absolute() for loaded in records))
     count = 1
     while len({root.parts[-count:] for root in roots}) < len(roots):
@@ -212,7 +212,10 @@ def _shorten_folders(records: Iterable[LoadedResult]) -> dict[Path, str]:
 
 
 def _collect_asset_facts(result: Result) -> dict[str, object]:
-    """Return the properties that must agree in all conditions of an asset, except settings of variants."""
+    """Return the properties that must be equal in all conditions of an asset.
+
+    Settings of variants may differ.
+    """
     facts: dict[str, object] = {}
     if result.setup is not None:
         facts["setup (cameras, image folder, background)"] = result.setup

@@ -54,7 +54,7 @@ class TableCell:
 
     @property
     def footnotes(self) -> tuple[str, ...]:
-        """The reason for a missing value, if there is one, and the notes."""
+        """The notes of this cell, after the reason for a missing value."""
         return self.notes if self.reason is None else (self.reason, *self.notes)
 
     @property
@@ -144,17 +144,23 @@ class Table:
 
     @property
     def depth(self) -> int:
-        """The number of heading lines above the titles of the columns."""
+        """The number of heading lines above the column titles."""
         return max((len(column.groups) for column in self.columns), default=0)
 
     def spans(self, level: int) -> list[tuple[str, int]]:
-        """Return the headings of a level from left to right, each with its number of columns."""
-        # Equal headings below different outer headings are not merged.
+        """Return the headings of a level from left to right.
+
+        Each heading has the number of columns below it.
+        """
+        # Do not merge equal headings that are below different headings.
         paths = (column.groups[: level + 1] if level < len(column.groups) else () for column in self.columns)
         return [(path[-1] if path else "", len(list(columns))) for path, columns in groupby(paths)]
 
     def blocks(self) -> list[tuple[str, list[TableRow]]]:
-        """Return the rows in blocks. The heading of a block is its section and all labels except the last."""
+        """Return the rows in blocks.
+
+        The heading of a block is composed of the section and all labels except the last label.
+        """
 
         def heading(row: TableRow) -> str:
             return ", ".join(filter(None, (row.section, *row.labels[:-1])))
@@ -162,7 +168,10 @@ class Table:
         return [(name, list(rows)) for name, rows in groupby(self.rows, heading)]
 
     def sortable(self, column: int) -> bool:
-        """Return whether rows can be sorted by a column: in each block, its cells belong to one metric."""
+        """Return whether rows can be sorted by a column.
+
+        In each block of rows, all cells of the column must belong to one metric.
+        """
         blocks = [[row.cells[column] for row in rows if not row.paper] for _, rows in self.blocks()]
         several = any(sum(cell.number is not None for cell in cells) > 1 for cells in blocks)
         return several and all(len({cell.metric for cell in cells}) <= 1 for cells in blocks)
@@ -173,12 +182,11 @@ class Table:
         return {note: _letters(number) for number, note in enumerate(texts)}
 
     def with_common_notes(self) -> Table:
-        """Return the table after moving notes on whole metrics from the cells to the table."""
+        """If all cells of a metric have the same note, move the note from the cells to the table."""
         cells = [cell for row in self.rows for cell in row.cells if cell.value is not None and not row.paper]
         metrics = dict.fromkeys(cell.metric for cell in cells)
         common: dict[str, str] = {}
         for note in dict.fromkeys(note for cell in cells for note in cell.notes):
-            # A note is moved to the table if every cell of the note's metrics has the note.
             noted_metrics = dict.fromkeys(cell.metric for cell in cells if note in cell.notes)
             if all(note in cell.notes for cell in cells if cell.metric in noted_metrics):
                 images = [metric for metric in noted_metrics if metric in IMAGE_METRICS]
@@ -220,7 +228,7 @@ class Table:
 
 
 def _letters(number: int) -> str:
-    """Return the `number`-th footnote mark, counted from 0: "a" to "z", "aa", "ab", ..."""
+    """Return the footnote mark with index `number`: "a" to "z", "aa", "ab", ..."""
     name = ""
     number += 1
     while number:

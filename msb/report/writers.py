@@ -20,8 +20,8 @@ from msb.report.table import NOT_AVAILABLE, Table, TableCell
 TableFormat = Literal["md", "tex", "csv", "json"]
 ReportFormat = TableFormat | Literal["html"]
 
-# The LaTeX code that prints each special character. LaTeX would read a bracket directly after ``\\`` as an
-# argument of ``\\``.
+# The LaTeX code that prints each special character. Escape brackets, because LaTeX reads a bracket after
+# ``\\`` as an argument.
 _LATEX = {
     "\\": r"\textbackslash{}",
     "{": r"\{",
@@ -98,7 +98,7 @@ def to_latex(table: Table) -> str:
 
 
 def to_csv(table: Table) -> str:
-    """Return the table as CSV with printed values; the last column, Source, is "ours" or "paper"."""
+    """Return the table as CSV with printed values. The last column, Source, contains "ours" or "paper"."""
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     heads = [*table.heads, *(column.full_title for column in table.columns)]
@@ -159,7 +159,7 @@ def _without_empty_columns(table: Table) -> Table:
     if not kept or len(kept) == len(cells):
         return table
     omitted = [number for number in range(len(cells)) if number not in kept]
-    # If a remaining column has the same title, the note gives the omitted title with its upper headings.
+    # If an omitted title also occurs in the table, add the headings above the title.
     titles = {table.columns[number].title for number in kept}
     names = dict.fromkeys(
         column.full_title if column.title in titles else column.title
@@ -176,7 +176,10 @@ def _without_empty_columns(table: Table) -> Table:
 
 
 def _latex_headings(table: Table) -> list[str]:
-    """Return the header lines: each level of headings with a rule below it, then the titles."""
+    """Return the header lines of a table.
+
+    Each level of headings has a rule below it, and the titles come last.
+    """
     lines = []
     first = len(table.heads) + 1
     for level in range(table.depth):

@@ -21,17 +21,17 @@ from msb.scenes.poses import MAX_COORDINATE, look_at_pose
 _FOV_Y = math.radians(40)
 # Vertical field of view of cameras inside an asset, in radians.
 _FOV_INSIDE = math.radians(60)
-# Share of the faces ignored at each end of each axis when the dense region is located.
+# Share of the faces to ignore at each end of an axis when the dense region is searched.
 _LEAST = 0.02
-# Largest number of faces that are examined. An asset with more faces is sampled, so a surface of few faces
-# may be missed.
+# Largest number of faces that are examined. An asset with more faces is sampled. A surface of few faces may
+# then be missed.
 _SAMPLES = 200_000
-# Ratio of two distances above which `is_surrounded` returns True. The ratio is 4 to 6 for captures with a
-# background, and 0.7 to 1.5 for objects and empty rooms.
+# If the ratio of two distances is larger, `is_surrounded` returns True. In tests, the ratio was 4 to 6 for
+# captures with a background, and 0.7 to 1.5 for objects and empty rooms.
 _SURROUNDED = 2.5
-# Distance of a turntable as a multiple of the distance where the bounding sphere fills the image.
+# Distance of a turntable camera, relative to the distance of a camera whose image the bounding sphere fills.
 _MARGIN = 1.05
-# Largest aspect ratio of images framed by a box, and the relative margin around the box.
+# Largest aspect ratio of images of a box, and ratio between the size of the image and the size of the box.
 _MAX_RATIO, _BOX_MARGIN = 2.0, 1.1
 # Default elevation of a turntable's cameras above the horizon, in degrees.
 ELEVATION = 20.0
@@ -46,11 +46,11 @@ def make_turntable(
     elevation: float = ELEVATION,
     framing: Framing | None = None,
 ) -> list[Camera]:
-    """Return `count` turntable cameras of the scene that see the asset from `elevation` degrees.
+    """Return `count` turntable cameras around the asset, at `elevation` degrees above the horizon.
 
-    `up` is the axis of the turntable, such as "+y"; the default is the asset's `up_axis`. `framing` is the
-    visible part, by default everything except far outliers. Raise CAMERA_PATH if the asset is too large or
-    too far away for cameras.
+    `up` is the axis of the turntable, such as "+y". The default is the asset's `up_axis`. Pass the visible
+    part as `framing`. The default is all faces except far outliers. Raise CAMERA_PATH if the asset is too
+    large or too far away for cameras.
     """
     sphere = framing or find_framing(asset)
     vector = _vector(up or up_axis(asset))
@@ -79,9 +79,9 @@ def make_rings(
     pixels: int,
     up: str | None = None,
 ) -> list[Camera]:
-    """Return rings of cameras whose images are filled by the framed box.
+    """Return rings of cameras. The framed box fills the image of each camera.
 
-    For each ring, `rings` has the elevation in degrees and the number of cameras. Images have about `pixels`
+    `rings` lists the elevation in degrees and the number of cameras of each ring. Images have about `pixels`
     pixels and the aspect ratio of the box.
     """
     axis = up or up_axis(asset)
@@ -90,8 +90,8 @@ def make_rings(
     upright = "xyz".index(axis[1])
     tall = float(half[upright])
     wide = float(np.linalg.norm(np.delete(half, upright)))
-    # The image has the aspect ratio of the box, within limits. The narrow side of the image decides the
-    # distance of the camera.
+    # The image has the aspect ratio of the box, within limits. The distance of the camera depends on the
+    # narrow side of the image.
     ratio = min(max(wide / tall, 1 / _MAX_RATIO), _MAX_RATIO)
     height = round(math.sqrt(pixels / ratio))
     width = round(height * ratio)
@@ -127,7 +127,7 @@ def _check_reach(asset: Asset, sphere: Framing, distance: float) -> None:
 
 
 class Bulk(NamedTuple):
-    """The region with most faces of an asset, computed in float64 from a sample of the faces.
+    """The region with most faces of an asset. The region is computed in float64 from a sample of the faces.
 
     Outliers are ignored.
     """
@@ -157,8 +157,8 @@ def place_inside(
     """Return cameras inside an asset, halfway between its middle and the surrounding faces.
 
     The cameras `outside` look at the framed part of the asset. For each camera in `outside`, the result has a
-    camera on the same side with the same image size. Each camera looks through the middle to the opposite
-    side. The result is empty if most of the asset is flat.
+    camera on the same side and with the same image size. Each inner camera looks through the middle to the
+    opposite side. If most of the asset is flat, the result is empty.
     """
     low, middle, high = bulk.low, bulk.middle, bulk.high
     if not (low < middle).all() or not (middle < high).all():
@@ -166,8 +166,8 @@ def place_inside(
     vector = _vector(up or up_axis(asset))
     cameras, origin = [], np.asarray(asset.manifest.origin)
     for camera in outside:
-        # Cast a ray from the middle along `away`. For each axis, compute where the ray leaves the bounds of
-        # most faces, as a multiple of `away`.
+        # Follow the ray from the middle in the direction `away`. Compute the point where the ray leaves the
+        # box around most faces, for each axis.
         away = camera.relative_to(origin).center - framing.center
         reach = np.where(away > 0, high - middle, middle - low) / np.maximum(np.abs(away), 1e-300)
         eye = middle + 0.5 * reach.min() * away
@@ -180,7 +180,7 @@ def place_inside(
 def is_surrounded(bulk: Bulk) -> bool:
     """Return whether a few large faces surround many small faces, like walls or hills in a capture.
 
-    Large surrounding faces move the median of the area much farther from the middle than the median of the
+    Large surrounding faces affect the area-weighted median of the distance, but hardly the median over the
     faces.
     """
     middles = bulk.corners.mean(axis=1)
@@ -188,7 +188,7 @@ def is_surrounded(bulk: Bulk) -> bool:
     sides = bulk.corners[kept, 1:] - bulk.corners[kept, :1]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     away = np.linalg.norm(middles[kept] - bulk.middle, axis=1)
-    # Compare two distances from the middle: the median over the area and the median over the faces.
+    # Compute the median distance from the middle, once weighted by area and once over the faces.
     order = np.argsort(away)
     total = np.cumsum(area[order])
     if not total.size or not np.isfinite(total[-1]):

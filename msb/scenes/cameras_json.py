@@ -16,8 +16,8 @@ from msb.scenes.poses import invert_pose
 def read(root: Node) -> list[Camera]:
     """Return the cameras of the file: first the test split, then the training split.
 
-    `img_name` is the image's file name up to its first dot. If two images have the same `img_name`, "-ID" is
-    added to both names.
+    `img_name` is the image's file name up to its first dot. Images with equal `img_name` get the suffix
+    "-ID".
     """
     names = Counter(node["img_name"].text() for node in root.items())
     cameras = []

@@ -16,8 +16,8 @@ SPLITS: tuple[str, ...] = get_args(Split)
 MAX_SIDE = 65535
 # Largest number of pixels of an image, which take 3 GiB as float32 RGB.
 MAX_PIXELS = 1 << 28
-# Smallest and largest focal length in pixels. Beyond these limits of the focal length, float32 renderers
-# compute a field of view of 180 or 0 degrees.
+# Smallest and largest focal length in pixels. Outside this range, the field of view is 180 or 0 degrees in
+# float32.
 MIN_FOCAL, MAX_FOCAL = 1e-9, 1e9
 # Longest name of a camera, in characters.
 MAX_NAME = 1024
@@ -48,7 +48,7 @@ def _side(what: str, value: int) -> int:
 def check_pixels(what: str, value: float, least: float = -MAX_FOCAL) -> float:
     """Return `value` as a float if it is a valid coordinate of the principal point in pixels.
 
-    To check a focal length, pass `MIN_FOCAL` as `least`.
+    For a focal length, pass `MIN_FOCAL` as `least`.
     """
     if not least <= value <= MAX_FOCAL:
         text = (

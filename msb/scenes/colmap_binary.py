@@ -26,12 +26,12 @@ _POINT = struct.Struct("<Q3d3BdQ")
 _POINT_TRACK_LENGTH = _POINT.size - _COUNT.size
 _TRACK_ELEMENT = struct.Struct("<ii").size
 _POINT_2D = struct.Struct("<ddq").size
-# Number of points gathered at once; limits temporary memory.
+# Number of points that are gathered at once, to limit temporary memory.
 _POINTS_AT_A_TIME = 1 << 14
 
 
 class _Cursor:
-    """A read position in a binary file; it never moves past the end of the file."""
+    """A read position in a binary file. The position never moves past the end of the file."""
 
     def __init__(self, source: Source) -> None:
         self.source = source
@@ -45,12 +45,14 @@ class _Cursor:
     def count(self, what: str, least: int) -> int:
         """Return the declared number of records.
 
-        Raise an error if the file is too short for the declared number.
+        Raise an error if the file is too short for this number of records.
         """
         (count,) = self.take(_COUNT, "the number of records")
         if count * least > self.size - self.at:
             left = self.size - self.at
-            text = f"{count} {what} of at least {least} bytes each are declared; {left} bytes follow"
+            text = (
+                f"{count} {what} of at least {least} bytes each are declared; the file has {left} more bytes"
+            )
             raise self.source.error("COLMAP_INVALID", text, pointer="byte 0")
         return int(count)
 
@@ -95,7 +97,7 @@ def count_shots(source: Source) -> int:
 
 
 def read_shots(source: Source) -> Iterator[Shot]:
-    """Yield the records of images.bin; the 2D points are skipped."""
+    """Yield the records of images.bin, without the 2D points."""
     cursor = _Cursor(source)
     for index in range(cursor.count("images", _SHOT.size + 1 + _COUNT.size)):
         pointer, what = cursor.pointer, f"image {index}"
@@ -138,7 +140,7 @@ def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]
 
 
 def _starts_of_points(cursor: _Cursor, count: int) -> array[int]:
-    """Return the offset of each record in bytes; raise an error if a record exceeds the file."""
+    """Return the offset of each record in bytes. A record that exceeds the file is an error."""
     length_of_track, data, size = _COUNT.unpack_from, cursor.source.data, cursor.size
     starts = array("q")
     at = cursor.at

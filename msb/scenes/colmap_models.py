@@ -1,7 +1,7 @@
 """COLMAP's camera models: the order of their parameters, and their pinhole parameters.
 
-Names, ids and the order of parameters: `colmap/colmap`: src/colmap/sensor/models.h. A model's parameters are
-the focal lengths (one for both axes, or fx and fy), cx, cy, and the distortion coefficients.
+Names, ids and the order of parameters: `colmap/colmap`: src/colmap/sensor/models.h. The parameters of a model
+are the focal lengths (one for both axes, or fx and fy), cx, cy, and the distortion coefficients.
 """
 
 from dataclasses import dataclass
@@ -48,7 +48,10 @@ MODEL_NAMES = {model.number: name for name, model in MODELS.items()}
 
 
 def model_parameters(name: str | None, given: str) -> int:
-    """Return the number of parameters of model `name`; `given` is its spelling in the file."""
+    """Return the number of parameters of the camera model `name`.
+
+    Errors quote `given`, its spelling in the file.
+    """
     if name not in MODELS:
         text = (
             f"the camera model {shorten(given, 40)} is not a known lens (pinhole, radial, OpenCV, fisheye, "
@@ -60,7 +63,7 @@ def model_parameters(name: str | None, given: str) -> int:
 
 @dataclass(frozen=True)
 class Lens:
-    """One record of a cameras file, not yet checked: id, key of `MODELS`, size and parameters.
+    """An unchecked camera record: id, key of `MODELS`, size and parameters.
 
     `pointer` is the position of the record in the file.
     """

@@ -1,26 +1,26 @@
 """The dense parts of a set of Gaussian splats, without floaters.
 
-Captures contain faint or stray Gaussians (floaters) everywhere between the cameras. No gap separates floaters
-from the object, so the opacity per volume is compared instead of distances.
+Captures contain faint or stray Gaussians (floaters) everywhere between the cameras. Floaters and objects are
+not separated by a gap. Therefore the opacity per volume is compared, and not distances.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-# Share of the opacity ignored at each end of an axis when the range is measured. The opacity grid extends
-# beyond the measured range by twice the range's length on each side.
+# Share of the opacity to ignore at each end of an axis when the range is measured. The opacity grid is five
+# times as long as the measured range, with the range in its middle.
 _TAIL = 0.02
 # Number of grid cells along the longest side of the measured range.
 _CELLS = 32
-# A grid cell is dense if its opacity is at least this share of the typical cell's opacity. Half of all
-# opacity is in cells with at least the typical cell's opacity.
+# A grid cell is dense if its opacity is at least this share of the typical opacity. Cells with at least the
+# typical opacity contain half of all opacity.
 _DENSE = 0.02
-# Dense parts with less than this share of the largest part's opacity are floaters.
+# A dense part is a floater if it has less than this share of the largest part's opacity.
 _MIN_PART = 0.02
 
 
 def find_dense(points: NDArray[np.floating], weight: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Return a mask (N,) of the points in the dense parts; `weight` (N,) is the opacity of each point.
+    """Return a mask (N,) of the points in the dense parts. `weight` (N,) is the opacity of each point.
 
     All points are returned if their range is empty or not finite. O(N) time.
     """
@@ -59,7 +59,7 @@ def find_dense(points: NDArray[np.floating], weight: NDArray[np.floating]) -> ND
 
 
 def _keep_large_parts(dense: NDArray[np.bool_], mass: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return the dense grid cells whose part has enough opacity.
+    """Return the dense grid cells, without the cells of small parts.
 
     Cells of one dense part may be separated by gaps of two cells.
     """

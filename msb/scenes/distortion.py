@@ -129,8 +129,8 @@ def _distort_eucm(x: Array, y: Array, c: Sequence[float]) -> tuple[Array, Array]
     return x * scale, y * scale
 
 
-# Distortion function of each model; the arguments are x, y and the coefficients. NERFSTUDIO is not a COLMAP
-# model.
+# The distortion function of each model. The arguments of a distortion function are x, y and the coefficients.
+# NERFSTUDIO is not a COLMAP model.
 DISTORTIONS: dict[str, Callable[[Array, Array, Sequence[float]], tuple[Array, Array]]] = {
     "SIMPLE_RADIAL": _distort_radial,
     "RADIAL": _distort_radial,
@@ -149,5 +149,5 @@ DISTORTIONS: dict[str, Callable[[Array, Array, Sequence[float]], tuple[Array, Ar
     "DIVISION": _distort_division,
     "EUCM": _distort_eucm,
 }
-# Models that bend straight lines for every value of their coefficients.
+# Fisheye models, which distort the image even if all their coefficients are zero.
 _CURVED = {name for name in DISTORTIONS if "FISHEYE" in name}

@@ -1,6 +1,6 @@
-"""The part of an asset that generated views frame: everything except far outliers.
+"""The part of an asset that fills generated views: everything except far outliers.
 
-If outliers were framed, a few stray faces could move all cameras too far away from the mesh.
+Far outliers are left out, because a few stray faces could move all cameras too far away from the mesh.
 """
 
 from dataclasses import dataclass
@@ -17,22 +17,22 @@ from msb.scenes.dense import find_dense
 # A mesh must cover at least this share of the pixels of its views. Views with less coverage are not used to
 # judge the mesh. At 1 % coverage, the PSNR of the whole image is 20 dB above the PSNR of the covered pixels.
 MIN_COVERAGE = 0.01
-# Faces are isolated if their distance from the middle is at least this multiple of all other faces'
-# distances. Framing isolated faces would shrink all other faces to about a quarter of their pixels.
+# Faces are isolated if all other faces are at most half as far from the middle. If isolated faces were shown,
+# all other faces would have only a quarter of their pixels.
 _ISOLATED = 2.0
-# Isolated faces are left out up to this share of all faces and of the total area.
+# Maximum share of isolated faces among all faces, and maximum share of their area, for leaving them out.
 _FEW_FACES, _LITTLE_AREA = 0.1, 0.01
-# If the other faces would cover too few pixels, isolated faces up to this share are left out whatever their
-# area is.
+# If the remaining faces would cover too few pixels, up to this share of isolated faces is left out,
+# regardless of their area.
 _STRAY_FACES = 0.01
-# Smallest share of the faces, or of the area, that the dense part of a mesh contains.
+# Minimum share of the faces or of the area in the dense part of a mesh.
 _DENSE = 0.9
-# Factor that estimates the share of covered pixels from the area of a mesh divided by its squared radius.
-# The factor was measured on a turntable at 4:3: 0.042 for a sphere, 0.058 for a disc.
+# Factor that estimates the share of covered pixels from the area of a mesh divided by its squared radius. On
+# a 4:3 turntable, the measured factor was 0.042 for a sphere and 0.058 for a disc.
 _COVERED = 0.05
 # If the estimated share of covered pixels is lower, only the dense part is framed. The dense part must cover
-# at least twice this share of the pixels. Where parts hide each other, the estimate is up to four times too
-# large.
+# at least twice this share of the pixels. For parts that hide each other, the estimate is up to four times
+# too large.
 _SPARSE = 4 * MIN_COVERAGE
 # Largest number of faces used to compute the middle of an asset.
 _SAMPLES = 200_000
@@ -40,11 +40,12 @@ _SAMPLES = 200_000
 
 @dataclass(frozen=True, eq=False)
 class Framing:
-    """The sphere that generated views frame, relative to the asset's origin, and the faces inside it.
+    """A sphere that fills the images of generated views, and the faces inside the sphere.
 
     Attributes
     ----------
     center : (3,) floats
+        The centre relative to the asset's origin.
     radius : float
         For an asset without outliers, this is the radius of its bounding sphere.
     framed : (F,) mask, or None
@@ -63,7 +64,9 @@ class Framing:
 
     @property
     def note(self) -> str:
-        """The end of a sentence about generated views: the faces that the views leave out.
+        """A text about the faces that generated views leave out.
+
+        The text continues a sentence about generated views.
 
         The text is "" if no faces are left out.
         """
@@ -91,7 +94,7 @@ def find_framing(asset: Asset) -> Framing:
     solid = np.flatnonzero(np.isfinite(area) & (area > 0))
     if not len(solid):
         return everything
-    # Repeat the search with only the n faces that have a non-zero area. Compute the distances (n,) of the
+    # Compute the middle again, only from the n faces with a non-zero area. Compute the distances (n,) of the
     # nearest and farthest corner of each face.
     away = np.linalg.norm(positions - _find_middle(positions, faces[solid]), axis=1)
     corners = away[faces[solid]]
@@ -103,7 +106,7 @@ def find_framing(asset: Asset) -> Framing:
     framed = np.zeros(len(faces), bool)
     framed[solid[kept]] = True
     around = measure_bounds(positions[np.unique(faces[framed])])[1]
-    text = "vertices that no face with an area uses"
+    text = "vertices without a face of non-zero area"
     if count := int((~kept).sum()):
         radii = near[~kept].min() / max(around.radius, np.finfo(np.float64).tiny)
         more = "" if count == 1 else " or more"
@@ -148,8 +151,8 @@ def _drop_isolated(
     `near` and `far` (n,) are the distances of the nearest and the farthest corner of each face.
     """
     order = np.argsort(near, kind="stable")
-    # For each position k in the order of distance, compute three values: radius and area of the faces before
-    # k, and the share of the faces from k on.
+    # Sort the faces by distance. For each number k, compute the radius and the area of the first k faces, and
+    # the share of the remaining faces.
     radius = np.maximum.accumulate(far[order])
     inner = np.cumsum(area[order])
     start = np.arange(1, len(order))
@@ -166,7 +169,9 @@ def _drop_isolated(
 
 
 def _find_dense(far: NDArray[np.float64], area: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return a mask (n,) of the dense part, if all faces together would cover too few pixels.
+    """Return a mask (n,) of the faces in the dense part.
+
+    If all faces cover enough pixels, the mask contains all faces.
 
     If no dense part covers enough pixels, the mask contains all faces.
     """
@@ -174,8 +179,8 @@ def _find_dense(far: NDArray[np.float64], area: NDArray[np.float64]) -> NDArray[
     # The sphere around all faces has a radius of at least half of the largest distance.
     if _COVERED * area.sum() >= _SPARSE * (far.max() / 2) ** 2:
         return everything
-    # Sort the faces by distance. Consider the spheres around the first k faces that contain most of the
-    # faces, or most of the area and half of the faces.
+    # Sort the faces by distance. Find the spheres around the first k faces that contain most faces. A sphere
+    # with most of the area and at least half of the faces is also accepted.
     order = np.argsort(far, kind="stable")
     radius, inner = far[order], np.cumsum(area[order])
     count = np.arange(1, len(order) + 1)
@@ -184,6 +189,6 @@ def _find_dense(far: NDArray[np.float64], area: NDArray[np.float64]) -> NDArray[
     good = np.flatnonzero(is_most & is_covered & (_ISOLATED * radius <= radius[-1]) & (radius > 0))
     if not len(good):
         return everything
-    # Of these spheres, choose the sphere with the largest gap to the next face.
+    # Choose the sphere with the largest gap to the next face.
     best = good[np.argmax(radius[good + 1] / radius[good])]
     return np.asarray(far <= radius[best])

@@ -22,12 +22,12 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".avif", ".
 # Number of bytes searched for an image header. Colour profiles, thumbnails and depth maps before the header
 # take a few MiB.
 _MOST_BYTES = 1 << 23
-# First bytes of formats whose image header may be anywhere in the file: TIFF, WebP, and after four bytes
-# AVIF, HEIC.
+# Signatures of formats with an image header anywhere in the file. The signature of TIFF and WebP is at byte
+# 0, the signature of AVIF and HEIC at byte 4.
 _SCATTERED = (b"II*\0", b"MM\0*", b"RIFF")
 _BOX = b"ftyp"
 _HEIC = (b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1")
-# EXIF tag of the orientation. The value 1 is upright; 5 to 8 swap the axes.
+# EXIF tag of the orientation. The value 1 means upright, and the values 5 to 8 swap the axes.
 _ORIENTATION = 0x0112
 
 
@@ -42,7 +42,7 @@ class ImageHeader:
 
     @property
     def has_alpha(self) -> bool:
-        """Whether the image has an alpha channel; a transparent palette colour does not count."""
+        """Whether the image has an alpha channel. A transparent palette colour is not an alpha channel."""
         return self.mode in ("LA", "RGBA")
 
 
@@ -69,7 +69,10 @@ def read_header(path: str | os.PathLike[str]) -> ImageHeader:
 
 
 def _read_orientation(image: Image.Image) -> int:
-    """Return the EXIF orientation; 1 if it is missing or damaged, and for TIFF, which Pillow rotates."""
+    """Return the EXIF orientation, or 1 if it is missing or damaged.
+
+    For TIFF, return 1, because Pillow rotates the image.
+    """
     from PIL import Image
 
     value: Any = 1
@@ -83,19 +86,19 @@ def _read_orientation(image: Image.Image) -> int:
 
 @contextlib.contextmanager
 def _open_header(path: str | os.PathLike[str]) -> Iterator[Image.Image]:
-    """Yield an image after Pillow has read the header, before pixels are decoded."""
+    """Yield an image whose header was read. No pixels are decoded."""
     from PIL import Image, UnidentifiedImageError
 
     source = Source(Path(path), map_file(Path(path), _MOST_BYTES))
     start = bytes(source.data[:12])
     if start.startswith(_SCATTERED) or start[4:8] == _BOX:
         source = Source(Path(path), map_file(Path(path)))
-    file: Any = source.data  # a memory mapping, which is read like a file
+    file: Any = source.data  # Pillow reads the memory mapping like a file
     try:
         if not file:
             raise ValueError("it is empty")
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # ignores size and metadata warnings
+            warnings.simplefilter("ignore")  # hide warnings about sizes and metadata
             image = Image.open(file, formats=image_formats())
     except Exception as error:  # damaged files raise various exceptions
         reason = "" if isinstance(error, UnidentifiedImageError) else f" ({library_reason(error)})"

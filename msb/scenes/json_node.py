@@ -38,7 +38,7 @@ def read_json(source: Source) -> Node:
 class Node:
     """A JSON value and its position in the file as an RFC 6901 pointer ("" is the root).
 
-    Methods that expect one kind of value raise `SceneError` CAMERA_FILE for other kinds.
+    A method raises `SceneError` CAMERA_FILE if the value has another kind than the method expects.
     """
 
     source: Source
@@ -55,7 +55,7 @@ class Node:
         return describe(self.value)
 
     def wrong_type(self, wanted: str) -> SceneError:
-        """Return the error "this value is not `wanted`"."""
+        """Return the error for a value of a wrong type. `wanted` describes the valid type."""
         return self.error("CAMERA_FILE", f"it is {self.abbreviated()}; it must be {wanted}")
 
     def get(self, key: str) -> Node | None:
@@ -67,7 +67,7 @@ class Node:
         return Node(self.source, self.value[key], f"{self.pointer}/{escape(key)}")
 
     def __getitem__(self, key: str) -> Node:
-        """Return the member `key` of this object; a missing key is an error."""
+        """Return the member `key` of this object. A missing key is an error."""
         member = self.get(key)
         if member is None:
             raise self.error("CAMERA_FILE", f'it does not have the key "{key}"')
@@ -113,7 +113,7 @@ class Node:
         return np.array(self.value, dtype=np.float64)
 
     def locating(self) -> AbstractContextManager[None]:
-        """Add the position of this value to errors raised while it is read; see `Source.locating`."""
+        """Add the position of this value to errors in the block, like `Source.locating`."""
         return self.source.locating(self.pointer)
 
 

@@ -68,7 +68,7 @@ def _fit_size(
         x, y = distortion.apply(u / fx, v / fy)
         x, y = x * fx + cx, y * fy + cy
         is_inside = (x >= 0.5) & (x <= width - 0.5) & (y >= 0.5) & (y <= height - 0.5)
-        # Neighbouring grid points must stay neighbours: a grid cell with a negative area is folded over.
+        # Each grid cell must have a positive area, otherwise the image is folded over.
         right, down = (
             (np.diff(x, axis=1)[:-1], np.diff(y, axis=1)[:-1]),
             (np.diff(x, axis=0), np.diff(y, axis=0)),
@@ -76,7 +76,7 @@ def _fit_size(
         area = right[0] * down[1][:, :-1] - right[1] * down[0][:, :-1]
         return bool(is_inside.all() and (area > 0).all())
 
-    # First enlarge both axes together, then each axis separately as far as possible.
+    # First enlarge both axes by the same factor, then each axis separately.
     scale_x = scale_y = _largest(lambda scale: fits(scale, scale), _MIN_SCALE)
     scale_x = _largest(lambda scale: fits(scale, scale_y), scale_x)
     scale_y = _largest(lambda scale: fits(scale_x, scale), scale_y)
@@ -90,7 +90,7 @@ def _fit_size(
 
 
 def _largest(is_valid: Any, low: float) -> float:
-    """Return the largest valid scale from `low` to `_MAX_SCALE` by bisection; `low` if none is larger."""
+    """Find the largest valid scale from `low` to `_MAX_SCALE` by bisection, and return the scale."""
     high = _MAX_SCALE
     if is_valid(high):
         return high

@@ -18,8 +18,8 @@ from msb.scenes.poses import (
     vector3,
 )
 
-# Largest number of frames of a camera path: ten hours at 29 frames per second. Larger numbers of frames are
-# typing errors.
+# Largest number of frames of a camera path: ten hours at 29 frames per second. A larger number is probably a
+# typing error.
 MAX_FRAMES = 1 << 20
 
 
@@ -46,7 +46,7 @@ def turntable(
         The axis of the turntable, which is up in the images.
     count : int
         Number of cameras, at equal angles, counter-clockwise seen from above. The first camera is in the
-        direction of the world axis most perpendicular to `up` (x, if two are equal).
+        direction of the world axis that is most perpendicular to `up`. Among equal axes, x is preferred.
     width, height : int
         Size of the images in pixels.
     fov_y : float
@@ -88,7 +88,7 @@ def turntable(
 
 
 def unit_at(distance: float) -> float:
-    """Return the `Camera.unit` for an object at `distance`, which makes images independent of scale.
+    """Return the unit of depth (`Camera.unit`) for an object at `distance`.
 
     For ordinary distances the unit of depth is 1, which leaves results unchanged. For other distances the
     unit of depth is a power of two, which causes no rounding errors.
@@ -100,13 +100,14 @@ def interpolate_cameras(cameras: Sequence[Camera], count: int, *, closed: bool =
     """Return a smooth flight of `count` frames through two or more cameras, in the size of the first camera.
 
     Each segment between two cameras takes the same time, whatever its length is. An open flight begins at the
-    first camera and ends at the last. A `closed` flight is a loop: the frame after its last frame would be at
-    the first camera again. The velocity and angular velocity of the flight are continuous.
+    first camera and ends at the last. A `closed` flight is a loop: after its last frame, the flight returns
+    to the first camera. The velocity and the angular velocity are continuous.
 
     Centres follow the uniform Catmull-Rom spline (E. Catmull and R. Rom, A class of local interpolating
-    splines, 1974). An open flight is extended at its ends by reflection. Rotations follow the same spline of
-    unit quaternions, with signs aligned and the result normalised. A flight between two cameras rotates like
-    slerp. Focal lengths and principal points are interpolated linearly, which cannot overshoot.
+    splines, 1974). Beyond its ends, an open flight continues with reflected cameras. Rotations follow the
+    same spline of unit quaternions, with signs aligned and the result normalised. Between two cameras, the
+    rotation is spherical linear interpolation (slerp). Focal lengths and principal points are interpolated
+    linearly, which cannot overshoot.
     """
     if len(cameras) < 2:
         text = f"a flight needs at least 2 cameras, not {len(cameras)}"
@@ -140,7 +141,7 @@ def _check_frames(count: int) -> None:
 
 
 def _spline_keys(keys: NDArray[np.float64], segment: int, closed: bool) -> NDArray[np.float64]:
-    """Return the keys (4, D) of the spline in `segment`: its two ends, the key before, and the key after."""
+    """Return four keys (4, D) of the spline: the key before `segment`, its two ends, and the key after it."""
     if closed:
         return keys[np.arange(segment - 1, segment + 3) % len(keys)]
     before = keys[segment - 1] if segment else 2 * keys[0] - keys[1]
@@ -162,7 +163,7 @@ def _align_signs(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _catmull_rom(keys: NDArray[np.float64], at: float) -> NDArray[np.float64]:
-    """Return the spline's value (D,) at position `at`, from 0 at keys[1] to 1 at keys[2]; keys is (4, D)."""
+    """Return the value (D,) of a Catmull-Rom spline between keys[1] (`at` 0) and keys[2] (`at` 1)."""
     cube, square = at**3, at**2
     weights = np.array(
         [

@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from msb.base.matrices import inverse
 from msb.errors import SceneError, shorten
 
-# Largest entry of |R R^T - I| of a rotation R that is stored unchanged, and of a rotation that is replaced by
-# the nearest one. Float32 poses after a few inversions stay well below the first limit. Matrices rounded to
-# four decimals (error at most 1.8e-4) stay below the second.
+# Limits for the error of a rotation R, the largest entry of |R R^T - I|. Below the first limit, R is stored
+# unchanged. Up to the second limit, R is replaced by the nearest rotation. After a few inversions, the error
+# of a float32 pose is still well below the first limit. Matrices with four decimals (error at most 1.8e-4)
+# stay below the second limit.
 EXACT_ROTATION_ERROR, MAX_ROTATION_ERROR = 1e-4, 2e-4
 
 # Largest coordinate in scene units. Squares of larger distances do not fit into float32, the precision of
@@ -27,7 +28,7 @@ _OPENGL_AXES.setflags(write=False)
 def check_pose(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
     """Return `matrix` as a new array (4, 4) float64 if it consists of a rotation and a translation.
 
-    `what` is the matrix's name in messages.
+    Error messages call the matrix `what`.
     """
     pose = _finite_matrix(matrix, what)
     if (pose[3] != (0, 0, 0, 1)).any():
@@ -77,8 +78,8 @@ def invert_pose(pose: ArrayLike, what: str = "the camera-to-world matrix") -> ND
 def rigid_inverse(pose: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the inverse of a valid pose.
 
-    The 3 x 3 block is inverted instead of transposed, as in official loaders. For poses that were rounded to
-    float32, the inverse of the rotation differs from its transpose.
+    The 3 x 3 block is inverted as a matrix, as in official loaders. For poses that were rounded to float32,
+    the inverse of the rotation differs from its transpose.
     """
     back = np.eye(4)
     back[:3, :3] = inverse(pose[:3, :3])
@@ -128,7 +129,7 @@ def vector3(name: str, value: ArrayLike) -> NDArray[np.float64]:
 
 
 def _unit(vector: NDArray[np.float64], least: float = 0.0) -> NDArray[np.float64] | None:
-    """Return the direction of `vector`, or None if its length is at most `least`."""
+    """Return `vector` scaled to length 1, or None if its length is at most `least`."""
     length = math.hypot(*vector)
     return vector / length if length > least else None
 

@@ -22,7 +22,7 @@ from msb.scenes.image_size import read_header
 
 # How photographs are paired for comparison: all pairs, or neighbours in the order of file names.
 Matching = Literal["exhaustive", "sequential"]
-# Camera model: COLMAP's default for an unknown camera, with one focal length and one radial coefficient.
+# Camera model of an unknown camera in COLMAP, with one focal length and one radial coefficient.
 _LENS = "SIMPLE_RADIAL"
 # Number of neighbours compared with each photograph of a sequence: COLMAP's default for video frames.
 _OVERLAP = 10
@@ -60,9 +60,9 @@ def find_poses(
 ) -> FoundPoses:
     """Find the poses of photographs, and the lens that the photographs share.
 
-    Photographs of one size share a lens, unless the EXIF data name several cameras. In this case, each camera
-    has a separate lens. Poses and the scale of the world are relative, because photographs contain no
-    absolute length.
+    Photographs of one size share a lens, unless the EXIF data name several cameras. If the EXIF data name
+    several cameras, each camera has a separate lens. Poses and the scale of the world are relative, because
+    photographs contain no absolute length.
 
     Parameters
     ----------
@@ -140,7 +140,8 @@ class _Job:
     def run(self, stage: tuple[str, str | None, int], work: Callable[[Any], Any]) -> Any:
         """Run `work` in a thread and return its result.
 
-        `stage` is the name of the work. The database table gains a row with each of the steps.
+        `stage` contains the name of the work, the database table, and the number of steps. Each step adds a
+        row to the database table.
         """
         name, table, total = stage
         self._steps = 0
@@ -157,7 +158,7 @@ class _Job:
             return future.result()
 
     def _count(self, table: str) -> int:
-        """Return the number of rows of a database table; 0 while the database is locked or empty."""
+        """Return the number of rows of a database table. While the database is locked or empty, return 0."""
         with contextlib.suppress(sqlite3.Error):
             place = f"{self._database.absolute().as_uri()}?mode=ro"
             with contextlib.closing(sqlite3.connect(place, uri=True, timeout=0.05)) as database:
@@ -166,7 +167,7 @@ class _Job:
 
 
 def _read_result(models: dict[int, Any], folder: Path, work: Path, count: int) -> FoundPoses:
-    """Return the largest model, read like other COLMAP models."""
+    """Return the cameras and the points of the largest model."""
     found = sorted(models.values(), key=lambda model: model.num_reg_images(), reverse=True)
     if not found:
         text = (

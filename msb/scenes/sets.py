@@ -13,7 +13,7 @@ HOLD = 8
 
 
 def check_cameras(cameras: Iterable[Camera]) -> list[Camera]:
-    """Return the cameras that a caller passed as a list; raise a usage error for any other value."""
+    """Return the cameras that a caller passed as a list. Any other value is a usage error."""
     listed = list(cameras) if isinstance(cameras, Iterable) else None
     if listed is None or not all(isinstance(camera, Camera) for camera in listed):
         text = f"cameras is {shorten(repr(cameras), 40)}; it must be a sequence of msb.Camera"
@@ -59,7 +59,7 @@ def sorted_by_stem(cameras: Iterable[Camera]) -> list[Camera]:
 def split_every_8th(
     cameras: Iterable[Camera], key: Callable[[Camera], str] = stem
 ) -> tuple[list[Camera], list[Camera]]:
-    """Return (train, test). Cameras 0, 8, 16, ... of the cameras sorted by `key` are test views.
+    """Return (train, test). After sorting by `key`, cameras 0, 8, 16, ... are test views.
 
     The `split` of each returned camera is set. Use this function for captures without a predefined split.
 

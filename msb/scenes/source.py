@@ -24,19 +24,19 @@ class Source:
 
     @classmethod
     def open(cls, path: Path) -> Source:
-        """Map the regular file at `path`; pipes and devices are never opened."""
+        """Map the regular file at `path`. Pipes and devices are never opened."""
         return cls(path, map_file(path))
 
     def error(self, code: str, message: str, *, pointer: str | None = None) -> SceneError:
-        """Return an error about this file; the message begins with `pointer`, if it is given."""
+        """Return an error about this file. If `pointer` is given, the message begins with it."""
         text = f"{pointer}: {message}" if pointer else message
         return SceneError(code, text, file=self.path, pointer=pointer)
 
     @contextlib.contextmanager
     def locating(self, pointer: str | None, what: str = "") -> Iterator[None]:
-        """Add this file, `pointer` and `what` to errors that do not name a file yet.
+        """Add the path of this file, `pointer` and `what` to errors without a file.
 
-        `Camera` and its checks raise errors without a file, because they do not know the origin of values.
+        For example, `Camera` raises errors without a file.
         """
         try:
             yield

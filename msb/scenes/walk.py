@@ -14,10 +14,9 @@ from msb.scenes.paths import interpolate_cameras
 PACE = 24
 # Largest number of stops of the flight.
 _STOPS = 10
-# Gaps between cameras are rounded to this number of decimals, so that the last bits do not decide between
-# equal gaps.
+# Number of decimals of a gap between cameras. Rounding makes equal gaps compare equal.
 _DIGITS = 6
-# Offsets of successive stops in camera axes: right, nearer, left, farther, up.
+# Displacements of successive stops, in camera axes: right, nearer, left, farther, up.
 _ASIDE = ((1, 0, 0), (0, 0, 1), (-1, 0, 0), (0, 0, -1), (0, -1, 0))
 
 
@@ -29,8 +28,9 @@ def make_walk(
     The flight passes at most ten of `stops`, evenly spread, in their order. Each stop is displaced by `reach`
     times the radius of the `capture`: the largest distance of a camera from the mean of all cameras. The
     direction of displacement alternates: right, nearer, left, farther, up. Each displaced camera is rotated
-    so that the point nearest to all camera axes keeps its place in the image. The flight takes 24 frames from
-    stop to stop (`interpolate_cameras`). If `frames` exceeds one loop of the flight, the flight starts again.
+    towards the point nearest to all camera axes, so that this point keeps its place in the image. The flight
+    takes 24 frames from stop to stop (`interpolate_cameras`). If `frames` exceeds one loop of the flight, the
+    flight starts again.
 
     Parameters
     ----------
@@ -76,7 +76,10 @@ def find_target(cameras: Sequence[Camera]) -> NDArray[np.float64]:
 
 
 def _move(camera: Camera, offset: NDArray[np.float64], aim: NDArray[np.float64]) -> Camera:
-    """Return a camera moved by `offset` along its axes, and rotated to keep `aim` in place in the image."""
+    """Return a camera moved by `offset` along its axes.
+
+    The camera is rotated so that `aim` keeps its place in the image.
+    """
     pose = camera.world_to_camera.copy()
     before = pose[:3, :3] @ aim + pose[:3, 3]
     pose[:3, 3] -= offset
@@ -98,13 +101,13 @@ def _rotation_between(start: NDArray[np.float64], end: NDArray[np.float64]) -> N
 def fill_gaps(cameras: Sequence[Camera], count: int) -> list[Camera]:
     """Return at most `count` additional cameras, each halfway between two neighbours.
 
-    Cameras that were already added also count. Two cameras are neighbours if no other camera is nearer to the
-    pose halfway between them. The rotations of neighbours must differ by less than 120 degrees. A straight
-    path to the other side of an object could pass through the object. Each step adds the halfway pose with
-    the largest distance to its nearest camera, so the widest gaps are filled first. The distance of two
-    cameras is the angle between their axes in radians, plus the distance of their centres divided by the
-    radius of the capture. Fewer cameras are returned if `cameras` has one camera, or if its cameras share a
-    position or are opposite each other.
+    Cameras that were added by earlier steps can also be neighbours. Two cameras are neighbours if no other
+    camera is nearer to the pose halfway between them. The rotations of neighbours must differ by less than
+    120 degrees. The limit of 120 degrees avoids straight paths through an object. Each step adds the halfway
+    pose that is farthest from its nearest camera. The widest gaps are therefore filled first. The distance of
+    two cameras is the angle between their axes in radians, plus the distance of their centres divided by the
+    radius of the capture. The result has fewer cameras if no neighbours remain, for example for a single
+    camera or for two opposite cameras.
     """
     aim = find_target(cameras)
     every = list(cameras)
@@ -135,10 +138,9 @@ def _interpolate_halfway(
 ) -> NDArray[np.float64]:
     """Return the poses (N, 4, 4) halfway between the poses `starts` and `ends`.
 
-    If both cameras look at `aim`, the halfway pose is on an arc around it. For each camera, the function uses
-    the point in front of it at the depth of `aim`. The halfway pose uses the mean point and the mean depth of
-    both cameras. If `aim` is behind the cameras, as in a room, the halfway pose is on a line between the
-    cameras.
+    If both cameras look at `aim`, the halfway pose is on an arc around it. Each camera has a point in front
+    of it, at the depth of `aim`. The halfway pose uses the mean point and the mean depth of both cameras. If
+    `aim` is behind the cameras, as in a room, the halfway pose is on a line between the cameras.
     """
     # The mean rotation is the orthogonal matrix nearest to the sum of both rotations.
     left, _, right = np.linalg.svd(starts[:, :3, :3] + ends[:, :3, :3])

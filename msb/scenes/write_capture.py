@@ -18,9 +18,9 @@ from msb.scenes.poses import quaternion_from_rotation
 if TYPE_CHECKING:
     from msb.scenes.datasets.rules import Size
 
-# Callback that reads the photograph of a view, or its mask for an image of the given (height, width),
-# resampled to the pinhole camera of the view. Photographs are (H, W, 3) or (H, W, 4) and masks (H, W, 1),
-# uint8.
+# Callback that reads the photograph of a view. If a size (height, width) is passed, the callback reads the
+# mask of the view. Images are resampled to the pinhole camera of the view. Photographs are (H, W, 3) or (H,
+# W, 4) and masks (H, W, 1), uint8.
 ReadPhotograph = Callable[[Scene, Camera], NDArray[np.uint8]]
 # Positions (N, 3) and colours (N, 3) of points.
 Points = tuple[NDArray[np.float64], NDArray[np.uint8]]
@@ -37,13 +37,13 @@ def write_capture(
     *,
     overwrite: bool = False,
 ) -> None:
-    """Write a scene to a new folder; its views must have the size of their photographs.
+    """Write a scene to a new folder. The views of the scene must have the size of their photographs.
 
     The folder contains `images` with the names of the photographs, and `sparse/0` with PINHOLE cameras and
-    `points` as COLMAP text. A scene with mask files adds `masks`; a recorded split adds `train_list.txt` and
-    `test_list.txt`. Pixels are stored losslessly as PNG, whatever suffix a name has. Programs recognise the
-    image type by its content. `step` is called after each photograph. A failure does not leave a partial
-    folder.
+    `points` as COLMAP text. If a scene has mask files, `masks` is added. If a scene has a recorded split,
+    `train_list.txt` and `test_list.txt` are added. Pixels are stored losslessly as PNG, whatever suffix a
+    name has. Programs recognise the image type by its content. `step` is called after each photograph. A
+    failure does not leave a partial folder.
     """
     views = sorted((*scene.train, *scene.test), key=lambda view: str(view.name))
     names = _names_below_images([str(view.name) for view in views])
@@ -67,7 +67,7 @@ def write_capture(
 
 
 def _names_below_images(names: Sequence[str]) -> list[str]:
-    """Return the names without a first folder that all names share, such as "images" in transforms.json."""
+    """If all names begin with one folder, such as "images", return the names without this folder."""
     first = {PurePosixPath(name).parts[0] for name in names if "/" in name}
     is_shared = len(first) == 1 and all("/" in name for name in names)
     return [name.partition("/")[2] for name in names] if is_shared else list(names)

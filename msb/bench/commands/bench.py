@@ -18,7 +18,7 @@ from msb.render.options import NO_CAMERAS, RendererOptions, Source, Tier, ViewOp
 SCHEMA = "msb.bench/1"
 # Number of views around the asset when --cameras is not given.
 _VIEWS = 8
-# Keys that should be equal in two compared records; the command notes differences.
+# Keys that are compared between two records. The command prints a note on each difference.
 _SAME = (
     "method", "faces", "tier", "renderer", "order", "sampling", "views", "sizes", "machine.device.name",
     "machine.device.driver",
@@ -144,8 +144,8 @@ def _check_slower(now: float, old: dict[str, Any], limit: float, path: Path) -> 
         raise UsageError("USAGE", "--fail-slower: OLD.json has no median device time (device_ms.p50)")
     if now > before * (1 + limit):
         text = (
-            f"the median device time is {now:.3g} ms and was {before:.3g} ms: {now / before - 1:+.0%}, "
-            f"but at most {limit:+.0%} is allowed"
+            f"the median device time is {now:.3g} ms, before {before:.3g} ms ({now / before - 1:+.0%}); "
+            f"the limit is {limit:+.0%}"
         )
         raise GateFailed("GATE_FAILED", text, file=path)
 
@@ -159,7 +159,7 @@ def _get(record: dict[str, Any], key: str) -> Any:
 
 
 def _read_old(path: Path) -> dict[str, Any]:
-    """Return an earlier record of `msb bench --json`."""
+    """Read an earlier record of `msb bench --json`."""
     from msb.asset.strict_json import MAX_BYTES, parse_strict_json
     from msb.base.files import read_file
 

@@ -90,7 +90,7 @@ def evaluate(
 def _write_photographs(
     path: Path, folder: Path, reading: SceneOptions, color: Color | None, output: Output
 ) -> dict[Path, Path]:
-    """Write the prepared test photographs of a scene; return the photograph of each written file."""
+    """Write the prepared test photographs of a scene, and return the photograph of each written file."""
     from msb.metrics.ground_truth import ground_truth
     from msb.render.images import image_names, write_image
     from msb.scenes import read_scene
@@ -181,7 +181,7 @@ class _Comparison:
         return status
 
     def compare(self, pair: ImagePair) -> dict[str, Any]:
-        """Return the row of a pair: names, size and metrics."""
+        """Return the row of a pair of images: names, size and metrics."""
         from msb import metrics
         from msb.metrics.images import is_plain
 
@@ -219,7 +219,7 @@ class _Comparison:
         }
 
     def print_table(self, rows: list[dict[str, Any]], data: dict[str, Any]) -> None:
-        """Print the table of metrics; with --quiet only the averages."""
+        """Print the table of metrics. With --quiet, print the averages only."""
         from msb.metrics.images import PSNR_CAP
         from msb.metrics.vgg import weights_source
 
@@ -240,7 +240,7 @@ class _Comparison:
         if data["psnr_inf_count"]:
             number = data["psnr_inf_count"]
             equal = "1 image is equal" if number == 1 else f"{number} images are equal"
-            text = f"{equal} to the ground truth; infinite PSNR counts as {PSNR_CAP:g} dB in the average"
+            text = f"{equal} to the ground truth; averages use {PSNR_CAP:g} dB for an infinite PSNR"
             self.output.line(text)
         loaded = ", ".join(metric.title for metric in self.metrics.values() if metric.load is not None)
         reason = f"{loaded} --: {self.reason}; " if self.reason else f"{loaded}: "

@@ -42,7 +42,7 @@ class RunOptions:
     non_engine: Annotated[
         Path | None,
         Option(
-            "With --scene: compare with the official renderings in DIR, or with our reference renderer.",
+            "Renderings to compare with --scene: a folder of official renderings, or our reference renderer.",
             metavar="DIR|reference",
         ),
     ] = None
@@ -83,7 +83,10 @@ class RunOptions:
     ] = None
 
     def read_protocol(self, path: Path, reading: SceneOptions) -> ProtocolFile:
-        """Return the protocol at `path`; with --scene, a protocol for the asset at `path` on that scene."""
+        """Return the protocol at `path`.
+
+        With --scene, return a protocol for the asset at `path` on that scene.
+        """
         from msb.bench.protocol import make_single_protocol, read_protocol
 
         if self.scene is not None:
@@ -99,13 +102,13 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class RunOutput(Output):
-    """An output option; without --force it may replace only the JSON file of an earlier run."""
+    """An output option. Without --force, it replaces no file except the JSON file of an earlier run."""
 
     _remedy: ClassVar[str] = "msb run replaces only JSON files of earlier runs; use another file name"
 
     def may_replace(self, path: Path) -> bool:
         """Return whether the file at `path` is the JSON of a run."""
-        if is_stream(path):  # opening a pipe would wait for a writer
+        if is_stream(path):  # do not open a pipe, because opening waits until another program writes
             return True
         try:
             with path.open("rb") as file:
@@ -145,8 +148,8 @@ def run(
     require(path or options.example, "Missing PROTOCOL. Print an example with: msb run --example paper")
     if options.scene is None:
         keys = ["non_engine", *(name for name in SCENE_OPTIONS if name != "dataset")]
-        typed.reject(keys, "needs --scene; in a protocol, set the key of the same name")
-        typed.reject(["dataset"], "needs --scene; the datasets are named in the protocol")
+        typed.reject(keys, "applies to --scene only; for a protocol, set the key with this name in the file")
+        typed.reject(["dataset"], "applies to --scene only; the protocol names the datasets")
     if options.example is not None:
         from msb.bench.protocol import read_example
 
@@ -196,7 +199,7 @@ def run(
 
 
 def _group_failures(report: Report, *, dry: bool) -> dict[Reason, list[str]]:
-    """Return the failed cells or parts of cells, grouped by the reason of the failure."""
+    """Group the failed cells and the failed parts of cells by the reason of the failure."""
     failures: dict[Reason, list[str]] = {}
     for row in report.rows:
         if dry and row.planned.status == "failed":  # these inputs are already listed as missing
@@ -358,7 +361,10 @@ def _describe_stage(stage: Stage) -> str:
 
 
 def _name_current(stage: Stage) -> list[str]:
-    """Return the first current task and the number of other tasks as text; empty without a task."""
+    """Return the first current task and the number of other current tasks as text.
+
+    Without a task, return "".
+    """
     names = stage.current
     more = f" and {len(names) - 1} more" if len(names) > 1 else ""
     return [f"{names[0]}{more}"] if names else []
@@ -383,7 +389,7 @@ def draw_stage(stage: Stage) -> Group:
 
 
 def _describe_rest(stage: Stage) -> str:
-    """Return the estimated remaining time, if any, and the following stages."""
+    """Return the estimated remaining time and the names of the following stages as text."""
     left = stage.estimate_rest()
     parts = [] if left is None else [_format_time(left)]
     parts += [f"then {' and '.join(stage.then)}"] if stage.then else []

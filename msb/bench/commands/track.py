@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     'msb track -- python -c "print(sum(range(10**6)))"',
     "msb track -o out/track.json -- python --version",
     "msb track --frames 8 -o out/own.json -- python --version",
-    # Options after the command belong to the command.
+    # options after the name of the command are passed to the command
     ignore_unknown_options=True,
     allow_interspersed_args=False,
 )
@@ -31,7 +31,7 @@ def track(
     frames: Annotated[
         int | None,
         Option(
-            "Write the timing of a renderer that draws N images, instead of a training record.",
+            "Measure a renderer that draws N images, and write its timing. Default: record a training.",
             metavar="N",
             least=1,
         ),
@@ -41,11 +41,11 @@ def track(
 ) -> int:
     """Run a training and record its time, peak GPU memory and peak RAM, including child processes.
 
-    The exit status is that of the command, or 128 + n if signal n ended the command. A protocol names the
-    record in the key training. With --frames, the command is a method's official renderer. A protocol names
-    this record in the key non_engine_timing. The record states that its time includes loading and writing.
-    GPU memory is measured by NVML (NVIDIA only, extra gpu). If GPU memory cannot be measured, the record
-    gives the reason.
+    The exit status is that of the command, or 128 + n if signal n ended the command. To use the record of a
+    training, name its file in the key training of a protocol. With --frames, the command is a method's
+    official renderer. To use the record of a renderer, name its file in the key non_engine_timing. The record
+    states that its time includes loading and writing. GPU memory is measured by NVML (NVIDIA only, extra
+    gpu). If GPU memory cannot be measured, the record gives the reason.
     """
     from msb.base.atomic import new_file
     from msb.bench.track import make_renderer_timing

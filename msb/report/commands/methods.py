@@ -9,7 +9,7 @@ from msb.cli.command import command
 from msb.cli.output import JsonOutput, echo
 from msb.report.table import Table
 
-# Rows of texts; the first row is the header.
+# Rows of texts. The first row is the header.
 TextRows = list[tuple[str, ...]]
 
 
@@ -93,7 +93,10 @@ def tables() -> Iterator[tuple[str, TextRows]]:
 
 
 def _table_rows(table: Table, group: str | None = None) -> TextRows:
-    """Return the texts of a table, or of its columns below the heading `group`. A star marks a note."""
+    """Return the texts of all columns of a table, or of the columns below the heading `group`.
+
+    A star marks a note.
+    """
     places = [n for n, column in enumerate(table.columns) if group is None or group in column.groups]
     rows: TextRows = [("method", *(table.columns[place].title for place in places))]
     for row in table.rows:

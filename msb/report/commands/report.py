@@ -139,11 +139,11 @@ def report(
     if options.table is not None:
         typed.reject(["out"], "cannot be combined with --table, which prints a table without writing files")
     formats = options.written_formats()
-    # Submissions make a board, for which options of results do not apply.
+    # Options that select or compare results do not apply to a board of submissions.
     board = any(is_submission(path) for path in folders)
     if board:
         if others := [path for path in folders if not is_submission(path)]:
-            text = "it is not a submission (.zip of msb submit); report folders and submissions separately"
+            text = "this is not a submission (.zip of msb submit); report folders and submissions separately"
             raise UsageError("USAGE", text, file=others[0])
         typed.reject(_RESULTS_OPTIONS, "cannot be combined with submissions")
         has_output = options.out is not None or options.table is not None
@@ -158,7 +158,7 @@ def report(
         check_folder(folders[0], "folder of results")
     overwrite = _check_target(target, output)
     if not {"md", "tex", "html"}.isdisjoint(formats):
-        # Check the installed packages first, so that the error does not come after a long computation.
+        # Check the installed packages before the long computation.
         need_extra("bench", "jinja2", "matplotlib", what="a report", instead="--format csv,json needs none")
     # Build and write the report.
     built = _build(folders, options, output, pictures=True)
@@ -190,8 +190,8 @@ def _print_tables(report: Report, label: str | None, form: TableFormat, output: 
 
     chosen = None if label is None else report.tables.get(label)
     if label is not None and chosen is None and EQUIVALENTS.get(label) in report.tables:
-        # The user requested a table by its label in the paper. Our table gets the paper's label, so that
-        # references in a text remain valid.
+        # The user passed a label of the paper. Print our table with the paper's label, so that references in
+        # a text remain valid.
         chosen = replace(report.tables[EQUIVALENTS[label]], label=label)
     if label is not None and chosen is None:
         text = f'the table "{shorten(label, 60)}" does not exist; choose from {", ".join(report.tables)}'
@@ -203,7 +203,7 @@ def _print_tables(report: Report, label: str | None, form: TableFormat, output: 
 
 
 def _build(folders: tuple[Path, ...], options: ReportOptions, output: Output, *, pictures: bool) -> Report:
-    """Return the report on results, the board of submissions, or without `folders` the paper's report."""
+    """Return a report on results, a board of submissions, or the paper's own report if `folders` is empty."""
     from msb.bench.submission import is_submission, read_submission
     from msb.report.board import build_board
     from msb.report.build import build_report, paper_report
@@ -236,7 +236,7 @@ def _build(folders: tuple[Path, ...], options: ReportOptions, output: Output, *,
 def _check_target(target: Path, output: Output) -> bool:
     """Check the output folder. Return whether the folder contains files of an earlier report to replace.
 
-    Files of an earlier report are replaced even without --force, because reports are usually repeated.
+    Replace the files of an earlier report even without --force, because reports are usually repeated.
     """
     from msb.base.own_folder import listed_files
 

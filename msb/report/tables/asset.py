@@ -74,7 +74,7 @@ def asset_tables(place: Place, records: Mapping[str, Result], numbers: Numbers) 
 
 
 def _memory_table(memory: Mapping[str, Memory]) -> Table:
-    """Return the device memory by purpose; `memory` contains the bytes of each condition."""
+    """Return the device memory by purpose. `memory` contains the bytes of each condition."""
     by_driver = any(used.driver_bytes is not None for used in memory.values())
     rows = []
     for condition, used in memory.items():
@@ -113,7 +113,7 @@ def _structure_table(place: Place, metrics: Mapping[str, float | None]) -> Table
 
 
 def provenance(records: Mapping[str, Result]) -> list[tuple[str, str]]:
-    """Return the files, renderers, devices and settings of an asset's records as (name, value) pairs."""
+    """Return (name, value) pairs for the page of an asset: files, renderers, devices and settings."""
     facts: dict[str, dict[str, None]] = {}
 
     def add(name: str, value: str | None) -> None:

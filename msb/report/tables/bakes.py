@@ -30,7 +30,7 @@ SPLIT_NOTES = (
     "The best bake has the highest PSNR with one sample per pixel",
     "colours: from the ceiling to Standard; faces: from the bake to the ceiling; blending: from Dedicated "
     "to the bake. The ceiling omits triangles that make the opaque rendering worse",
-    "the parts are over the same scenes and add up to the loss; a negative part is a gain",
+    "all parts are averaged over the same scenes and add up to the loss; a negative part is a gain",
 )
 _SPLIT_COLUMNS = (
     TableColumn("Loss"),
@@ -43,7 +43,7 @@ BAKES_NOTES = (
     "bakes use training views only and are rendered like Standard; PSNR is measured with one sample per "
     "pixel, and with 16 samples, which is close to multisampling",
     "tasks: number of trial tasks that work, possibly with limitations",
-    "verdict: verdict of the audit; if it differs between scenes, each verdict with its number of scenes",
+    "verdict: verdict of the audit. If scenes have different verdicts, the number of scenes per verdict",
 )
 _METRICS = ("psnr", "psnr_16", "faces", "asset_size", "memory", "p50_ms", "bake_seconds", "tasks")
 # Metrics in the record of the exported mesh. All other metrics are in the record of the renderings.
@@ -82,7 +82,7 @@ def scene_split_table(numbers: Numbers, place: Place) -> Table:
 
 
 def _split_cells(numbers: Numbers, key: SplitKey) -> tuple[TableCell, ...]:
-    """Return the cells of a loss: the total, its parts, and the two bakes that separate the parts."""
+    """Return the cells of a loss: the total, its parts, and the names of both bakes."""
     split = numbers.splits[key]
     ends = [numbers.number(Key(*key[:3], name, key.metric)) for name in ("dedicated", "standard")]
     if split.total is None or split.total.signed is None:
@@ -107,8 +107,8 @@ def _bake_name_cell(condition: str) -> TableCell:
 def _step_cell(key: SplitKey, split: Split, name: StepName, ends: Sequence[Number]) -> TableCell:
     """Return the table cell of one part of a loss.
 
-    If the bake between two parts is missing, only the sum of both parts is known. In this case one cell
-    contains the sum, and the other cell is empty.
+    If the bake between two parts is missing, only the sum of both parts is known. One cell then contains the
+    sum, and the other cell is empty.
     """
     gap = split.steps.get(name)
     if gap is not None and gap.signed is not None:

@@ -55,7 +55,7 @@ FLOOR_NOTE = (
 # Notes on the interpretation of connectivity metrics (paper, "Interpretation").
 STRUCTURE_NOTES = (
     "of the mesh as stored: faces and vertices were not merged, removed or repaired",
-    "boundaries may be legitimate: open scenes, sheets, and surfaces that no camera saw have boundaries",
+    "boundaries are not always errors: open scenes, sheets and unseen parts of a surface have boundaries",
     "V/F and valence measure how often vertices are shared, not manifoldness or accuracy. Seams of UVs, "
     "normals and materials duplicate vertices, which raises V/F",
     "the number of components and the size of the largest component (LCC) do not measure accuracy or "
@@ -67,18 +67,18 @@ STRUCTURE_NOTES = (
 _NATIVE = ("fps", "train_memory", "train_seconds", "chamfer")
 _PERCENTILES = ("p50_ms", "p95_ms")
 _FRAME_PARTS = ("fps", "p50_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
-# The three groups of the eight columns in the paper.
+# Three groups of metrics, as in the paper's table with eight columns.
 _CONNECTIVITY = {
     "Local reuse": ("vf_ratio", "mean_valence"),
     "Local structure": ("boundary_edge_ratio", "nonmanifold_edge_ratio", "nonmanifold_vertex_ratio"),
     "Global connectivity": ("lcc_face_ratio", "lcc_area_ratio", "components"),
 }
-# The heading above the scenes of each group, by the name of the group's mean.
+# Headings for groups of scenes, by the name of the group's mean.
 _GROUPS = {"indoor_mean": "indoor scenes", "outdoor_mean": "outdoor scenes"}
 
 
 def native_rows(numbers: Numbers, *, asset_metrics: Sequence[str] = ()) -> list[RowSpec]:
-    """Return a row for each dataset and method with native renderings or a value of `asset_metrics`."""
+    """Return a row for each dataset and method that has native renderings or values of `asset_metrics`."""
     return [
         titled_row(dataset=dataset, method=method)
         for dataset in numbers.datasets()
@@ -105,7 +105,7 @@ def _scene_rows(
     prefix: str = "",
     of: Mapping[str, str] | None = None,
 ) -> Iterator[RowSpec]:
-    """Yield a row for each scene and each mean; a dataset without scenes has only the row of its mean.
+    """Yield a row for each scene and each mean. For a dataset without scenes, yield only the mean.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def _scene_rows(
     groups : sequence of str
         The groups of scenes of the dataset, in table order.
     group_means : bool
-        Whether each group ends with its mean. If not, only the last row is a mean, in bold.
+        Whether each group ends with its mean. If false, only the last row is a mean and is bold.
     prefix : str
         First words of each section's name.
     of : mapping of str to str, optional
@@ -155,7 +155,7 @@ def _floor_rows(numbers: Numbers, dataset: str) -> list[RowSpec]:
 
 
 def native_summary(numbers: Numbers, paper: Numbers | None = None) -> Table:
-    """Return the results of the methods with their native renderers; the best method of a dataset is bold."""
+    """Return the results of the methods with their native renderers. The best method of a dataset is bold."""
     return make_table(
         numbers,
         paper,
@@ -170,7 +170,7 @@ def native_summary(numbers: Numbers, paper: Numbers | None = None) -> Table:
 
 
 def native_comprehensive_results(numbers: Numbers, paper: Numbers | None = None) -> Table:
-    """Return the columns of `native_summary` for each scene and mean; the best method of a scene is bold."""
+    """Return the columns of `native_summary` for each scene and mean. The best method of a scene is bold."""
     return make_table(
         numbers,
         paper,
@@ -190,7 +190,7 @@ def native_comprehensive_results(numbers: Numbers, paper: Numbers | None = None)
 
 
 def renderer_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return a row per condition and metric, and a column per method; the best condition is bold.
+    """Return a row per condition and metric, and a column per method. The best condition is bold.
 
     Standard comes before Dedicated, as in the paper.
     """
@@ -229,7 +229,7 @@ def _comparison_order(condition: str) -> int:
 
 
 def scene_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return a row per deployed condition and method, with a block of columns for each of the few scenes.
+    """Return a row for each deployed condition and method, and a block of columns for each scene.
 
     The best deployment of each method in each scene is bold.
     """
@@ -253,7 +253,7 @@ def scene_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = Non
 
 
 def per_scene(numbers: Numbers, dataset: str, condition: str) -> Table:
-    """Return the results in one condition per scene, with a block of columns per method.
+    """Return a row of results for each scene, under one condition. Each method has a block of columns.
 
     The best method of each scene is bold.
     """
@@ -282,7 +282,7 @@ def per_scene(numbers: Numbers, dataset: str, condition: str) -> Table:
 
 
 def latency(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return the 50th and 95th percentile of the frame time of every deployment, per scene."""
+    """Return the percentiles P50 and P95 of the frame time for each scene and deployment."""
     pairs, omitted = _deployments(numbers, dataset, "p50_ms")
     columns = [
         TableColumn(
@@ -344,7 +344,7 @@ def walk(numbers: Numbers, dataset: str) -> Table:
 
 
 def memory(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return the device memory of every deployment, per scene."""
+    """Return the device memory for each scene and deployment."""
     pairs, omitted = _deployments(numbers, dataset, "memory")
     # Each condition and method has a column. If the driver reports memory, another column shows it.
     columns = []
@@ -371,8 +371,9 @@ def memory(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Tabl
 
 
 def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return frame time, memory and asset size of datasets with few scenes, with the scenes side by side."""
-    # Titles of the columns, by heading and metric. Each block has a column per scene, mean and metric.
+    """Return frame time, memory and asset size of a dataset with few scenes. The scenes are side by side."""
+    # Titles of the columns, by heading and metric. Each scene and each mean has a column for every metric of
+    # a block.
     blocks = {
         "Device time of a frame (ms ↓)": {metric: METRICS[metric].title for metric in _PERCENTILES},
         "Memory (MiB ↓)": {"memory": "Render", "asset_size": METRICS["asset_size"].title},
@@ -405,7 +406,7 @@ def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = No
 def _deployments(
     numbers: Numbers, dataset: str, metric: str, *, bakes: bool = False
 ) -> tuple[list[tuple[str, str]], tuple[str, ...]]:
-    """Return the (condition, method) pairs of a table of `metric`, and a note on each unsupported pair.
+    """Return the (condition, method) pairs for a table of `metric`. For each unsupported pair, return a note.
 
     Bakes are included only if `bakes` is true, because the cost of bakes has a separate table.
     """

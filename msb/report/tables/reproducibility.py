@@ -22,16 +22,16 @@ from msb.report.paper import PUBLISHED_LPIPS
 from msb.report.table import NOT_AVAILABLE, Table, TableCell, TableColumn, TableRow
 from msb.report.tables.measurements import native_rows
 
-# The heading of each `Key.source`: the method's paper, its public code, the benchmark's paper, and our
-# measurement.
+# Headings of the values of `Key.source`: the method's paper, its public code, the benchmark's paper, and this
+# run.
 SOURCES = {"paper": "Paper", "public": "Public", "meshsplatbench": "MeshSplatBench paper", "": "This run"}
 
 
 class PublishedPair(NamedTuple):
-    """One of our numbers and its published counterpart, both in the unit of the records.
+    """A number of ours and the published number, both in the unit of the records.
 
-    `key` is the key of our number, except that its `source` names the publication. `notes` contains the notes
-    of the published number.
+    `key` is the key of our number, but its `source` is the name of the publication. `notes` contains the
+    notes of the published number.
     """
 
     key: Key
@@ -73,7 +73,7 @@ def reproducibility(numbers: Numbers, paper: Numbers | None = None) -> Table:
 
 
 def pair_with_published(numbers: Numbers, paper: Numbers) -> list[PublishedPair]:
-    """Return each of our image quality values with its published counterpart.
+    """Pair our image quality values with the published values.
 
     `Key.source` of a pair is "paper" (the method's paper), "public" (the method's public code) or
     "meshsplatbench" (the benchmark's paper). Means over only some of the scenes are not compared.
@@ -100,7 +100,7 @@ def reproducibility_statistics(numbers: Numbers, paper: Numbers) -> Table:
 
     The columns are the number of pairs, mean |d|, max |d|, and the pair with the largest |d|.
     """
-    # pairs by source, by metric, and by whether they are means
+    # group the pairs by publication, by metric, and by single scenes or means
     groups: dict[tuple[str, bool, str], list[PublishedPair]] = {}
     for pair in pair_with_published(numbers, paper):
         groups.setdefault((pair.key.source, pair.key.scene in MEANS, pair.key.metric), []).append(pair)

@@ -41,8 +41,8 @@ def capture(
 
     pycolmap finds camera poses, the lens and points (extra capture). The scene has undistorted, losslessly
     stored images and pinhole cameras, like scenes written by msb scenes --undistort. Take sharp photographs
-    that overlap by two thirds and show nothing that moves. The recovered coordinates have no unit; --scale
-    and --known-distance set one.
+    that overlap by two thirds and show nothing that moves. The recovered coordinates have no unit. Use
+    --scale or --known-distance to set a unit.
     """
     require(options.out, "Missing output. Pass -o with the folder to write, for example -o scene")
     assert options.out is not None
@@ -57,7 +57,7 @@ def capture(
     output.add_inputs([path])
     names = [image.name for image in images_in(path)]
     if len(names) < 3:
-        text = f"it contains {len(names)} photographs; at least 3 are needed, 20 to 100 are usual"
+        text = f"the folder contains {len(names)} photographs; at least 3 are needed, and 20 to 100 are usual"
         raise SceneError("CAPTURE_FAILED", text, file=path)
     output.check_folder(options.out)
     with output.bars("steps") as progress:

@@ -34,7 +34,7 @@ class ScenesOptions:
     rules: Annotated[
         str,
         Option(
-            "Read the scene like this method's official code, or like msb run (ours).",
+            "Read the scene like the official code of method NAME. The value ours reads it like msb run.",
             metavar="NAME",
         ),
     ] = "ours"
@@ -112,7 +112,7 @@ def _undistort(path: Path, folder: Path, reading: SceneOptions, output: Output) 
     options = {"resolution": 1, **reading.given}
     scene = read_scene(path, converts=True, **options)
     if scene.gt_resized:
-        text = "needs full-size photographs; --resolution and datasets that divide the size do not apply"
+        text = "needs full-size photographs; omit --resolution, and choose a dataset that keeps the size"
         raise UsageError("USAGE", f"--undistort {text}")
     for warning in scene.warnings:
         output.note(warning.to_line(warning.file or path))
@@ -146,7 +146,7 @@ def _print(reports: list[SceneReport], output: Output) -> None:
             used = "RGBA PNG" if scene.mask_source == "png_alpha" else str(scene.image_folder)
             used += ", resized" if scene.gt_resized else ""
             cells = (str(len(scene.train)), str(len(scene.test)), _size(scene.test[0]), used)
-        # The table names the dataset only, so scene paths appear in the notes.
+        # The table has no paths, so print the paths of scenes in the notes.
         rows.append((shorten(report.name, 40), shorten(report.dataset, 20), *cells))
     output.table(("Scene", "Dataset", "Train", "Test", "Size", "Photographs"), rows, right=(2, 3, 4))
     for report in reports:
@@ -211,7 +211,7 @@ def _describe(scene: Scene) -> list[tuple[str, str]]:
     if scene.mask_source:
         masks += f"; composited with the background {scene.compositing.replace('_', ' ')}"
     fixed = scene.dataset in DATASETS and DATASETS[scene.dataset].background is not None
-    behind = "for every method" if fixed else "unless the method uses another"
+    behind = "for every method" if fixed else "unless the method has another background"
     # Count the different lenses. Two views share a lens if their recorded image sizes and relative focal
     # lengths are equal.
     views = {
@@ -240,7 +240,7 @@ def _describe(scene: Scene) -> list[tuple[str, str]]:
 
 
 def _list_deviations(report: SceneReport) -> list[tuple[str, str]]:
-    """Return rows on how official code reads the scene differently.
+    """Return table rows that describe how the official code of each method reads the scene.
 
     Methods with equal differences share a row.
     """

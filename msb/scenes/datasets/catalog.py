@@ -7,7 +7,7 @@ from typing import Literal
 
 from msb.scenes.colors import WHITE, Color
 
-# Dataset name of a capture outside the known datasets, if the user passes no name.
+# Default dataset name for a capture that belongs to no known dataset.
 CUSTOM = "custom"
 
 # Layout of a scene's folder. The layout "colmap" has sparse/, "blender" has transforms_train.json and
@@ -106,14 +106,15 @@ DATASETS: dict[str, Dataset] = {
         layouts=("colmap", "neus"),
     ),
 }
-# A recorded side may differ from the published side by this number of pixels, because of rounding.
+# Maximum difference in pixels between a recorded side and the published side, because of rounding.
 _ROUNDING = 1
 
 
 def name_datasets(layout: Layout, name: str, above: str) -> Iterator[tuple[str, bool]]:
-    """Yield the datasets that the name of a scene, or the name of its parent folder `above`, suggests.
+    """Yield the datasets that match the name of a scene or the name of its parent folder `above`.
 
-    The flag states whether the dataset was suggested by the folder above, which takes precedence.
+    The flag is true if the name of the parent folder suggests the dataset. The name of the parent folder
+    takes precedence over the name of the scene.
     """
     for key, dataset in DATASETS.items():
         if above.lower() in dataset.folders:
@@ -128,8 +129,9 @@ def is_published(
 ) -> bool:
     """Return whether photographs have the published names and recorded sizes of a dataset.
 
-    `below` states that the scene is in a folder of the dataset's name. Matching names are then sufficient, so
-    resized copies are recognised. Folders of DTU's scenes are called scan1 to scan128.
+    Set `below` if the parent folder has the name of the dataset. If the name of the parent folder matches,
+    the names of the photographs are sufficient, so that resized copies are recognised. Folders of DTU's
+    scenes are called scan1 to scan128.
     """
     dataset = DATASETS[key]
     if not all(dataset.names.fullmatch(name.rsplit("/", 1)[-1]) for name in photographs):

@@ -24,7 +24,7 @@ from msb.scenes.image_size import image_size
 
 @dataclass(frozen=True)
 class ImageFolder:
-    """A folder of photographs: their number, how many the scene uses, and the size of the first."""
+    """A folder of photographs, with the number of used photographs and the size of the first."""
 
     name: str
     images: int
@@ -34,11 +34,11 @@ class ImageFolder:
 
 @dataclass(frozen=True)
 class SceneReport:
-    """The content of a scene's folder; either `scene` or `error` is None.
+    """The content of a scene's folder. Either `scene` or `error` is None.
 
     `points` is the number of SfM points, or None if they cannot be read. `unused` lists unused files, each
-    with the reason. `deviations` describes how each method's official code reads the scene differently from
-    our rules. `missing` counts missing photographs of "training" and "test" views, or is None if the cameras
+    with the reason. `deviations` lists the differences between our rules and each method's official code.
+    `missing` counts the missing photographs of "training" and "test" views. The value is None if the cameras
     cannot be read.
     """
 
@@ -78,7 +78,7 @@ class SceneReport:
 def _describe_capture(scene: Scene | None) -> dict[str, Any]:
     """Return JSON data about the lens, axes, masks and split of a capture.
 
-    The values of a rejected capture are None.
+    For a rejected capture, all values are None.
     """
     if scene is None or scene.lens is None:
         return dict.fromkeys(("lens", "up", "unit", "masks", "split"))
@@ -129,7 +129,7 @@ def _describe_evaluation(scene: Scene) -> dict[str, Any]:
 
 
 def describe_scene(path: Path, **options: Any) -> SceneReport:
-    """Return a report on the scene at `path`; `options` are passed to `read_scene`.
+    """Return a report on the scene at `path`. The `options` are passed to `read_scene`.
 
     The path must be a folder that `find_layout` recognises. Errors about the scene's content are stored in
     the report instead of raised.
@@ -143,7 +143,7 @@ def describe_scene(path: Path, **options: Any) -> SceneReport:
         scene = read_scene(path, **options)
     except MsbError as error:
         problem = error
-    # First collect facts that do not need a valid scene, then facts about the evaluation of the scene.
+    # First describe the folder, which does not need a valid scene. Then describe the evaluation of the scene.
     dataset = options.get("dataset") or dataset_of(path)
     images = _list_image_folders(path, scene)
     points, of_points = _count_points(path, layout)
@@ -190,7 +190,7 @@ def _list_image_folders(root: Path, scene: Scene | None) -> tuple[ImageFolder, .
 
 
 def _count_points(root: Path, layout: Layout) -> tuple[int | None, list[Finding]]:
-    """Return the number of SfM points, and a warning if a COLMAP scene has none."""
+    """Return the number of SfM points. For a COLMAP scene without points, also return a warning."""
     model = find_model(root) if layout == "colmap" else None
     if model is None:
         return None, []
@@ -208,7 +208,7 @@ def _check_view_count(scene: Scene) -> list[Finding]:
     wanted = dataset.views if dataset is not None and scene.name in dataset.scenes else None
     if wanted is None or wanted == counts:
         return []
-    text = "it has {} training and {} test views; the published scene has {} and {}".format(*counts, *wanted)
+    text = "the scene has {} training and {} test views; {} and {} are published".format(*counts, *wanted)
     return [finding("SCENE_LAYOUT", text, severity="warning", file=str(scene.root), value=counts)]
 
 
@@ -235,7 +235,7 @@ def _list_unused(
 
 
 def _list_deviations(root: Path, ours: Scene, options: dict[str, Any]) -> dict[str, tuple[str, ...]]:
-    """Return for each method how its official code reads the scene differently from our rules."""
+    """Return the differences between each method's official code and our rules in reading the scene."""
     given = {key: value for key, value in options.items() if key == "dataset"}
     deviations: dict[str, tuple[str, ...]] = {}
     for name in RULES:
@@ -258,7 +258,7 @@ def _explain_failure(error: MsbError, dataset: str) -> str:
 
 
 def _list_differences(ours: Scene, theirs: Scene) -> list[str]:
-    """Return short descriptions of the differences between two readings of a scene, by two sets of rules."""
+    """Return short descriptions of the differences between a scene read by our rules and by other rules."""
     first, second = ours.test[0], theirs.test[0]
     differences = []
     our_size, size = (f"{view.width} x {view.height}" for view in (first, second))

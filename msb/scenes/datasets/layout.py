@@ -46,7 +46,7 @@ def find_scenes(path: Path) -> list[Path]:
     scenes = [scene for child in folders(path) for scene in _scenes_below(child)]
     if not scenes:
         text = (
-            f"it contains no scene: neither it nor its subfolders have sparse/0, {TRAIN} or {MATRICES}; "
+            f"no scene was found: sparse/0, {TRAIN} and {MATRICES} are missing here and in subfolders; "
             "docs/datasets.md describes the layouts"
         )
         raise SceneError("SCENE_LAYOUT", text, file=path)
@@ -66,13 +66,13 @@ def folders(path: Path) -> Iterator[Path]:
 
 
 def images_in(folder: Path) -> list[Path]:
-    """Return the image files in `folder`, sorted by name; empty if the folder does not exist."""
+    """Return the image files in `folder`, sorted by name. If the folder does not exist, the list is empty."""
     images = (child for child in _children(folder) if child.suffix.lower() in IMAGE_SUFFIXES)
     return [image for image in images if is_file(image)]
 
 
 def _children(folder: Path) -> list[Path]:
-    """Return the sorted content of a folder; empty if it cannot be read."""
+    """Return the sorted content of a folder. If the folder cannot be read, the list is empty."""
     with contextlib.suppress(OSError):
         return sorted(folder.iterdir())
     return []
@@ -119,6 +119,6 @@ def _read_unsplit(root: Path, layout: Layout, image_folder: str) -> list[Camera]
 
 
 def _with_lens(view: Camera, first: Camera) -> Camera:
-    """Return `view` with the intrinsics of `first`, scaled by the ratio of the image sizes."""
+    """Return `view` with the intrinsics of `first`, scaled to the image size of `view`."""
     x, y = view.width / first.width, view.height / first.height
     return replace(view, fx=first.fx * x, fy=first.fy * y, cx=first.cx * x, cy=first.cy * y)

@@ -22,7 +22,7 @@ MATRICES = "cameras.npz"
 # Largest accepted size in bytes of the file of a 4 x 4 matrix. Real files have a few hundred bytes. Checked
 # before decompression.
 _MAX_MEMBER = 4096
-# Largest number of views that are read; DTU has 49 or 64.
+# Largest number of views that are read. DTU has 49 or 64 views.
 _MAX_VIEWS = 4096
 
 
@@ -92,7 +92,7 @@ def read_neus(path: Path, images: Sequence[Path]) -> list[Camera]:
     cameras = []
     for index, image in enumerate(images):
         with source.locating(f"world_mat_{index}"):
-            with np.errstate(all="ignore"):  # `decompose` rejects matrices that overflowed here
+            with np.errstate(all="ignore"):  # matrices may overflow, and `decompose` rejects them
                 projection = world[index] @ scale[index]
             lens, pose = decompose(projection)
             size = image_size(image)
@@ -114,7 +114,7 @@ def decompose(projection: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
     lens, rotation = lens * sign, rotation * sign[:, None]
     if not (np.isfinite(lens).all() and abs(np.linalg.det(left)) > 1e-12 * np.linalg.norm(left) ** 3 > 0):
         raise SceneError("SCENE_LAYOUT", "the projection is singular; it is not the projection of a camera")
-    if np.linalg.det(rotation) < 0:  # the sign of a projection is arbitrary
+    if np.linalg.det(rotation) < 0:  # avoid a mirrored rotation
         rotation, last, left = -rotation, -last, -left
     pose = np.eye(4)
     pose[:3, :3] = rotation

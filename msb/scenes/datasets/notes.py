@@ -19,7 +19,7 @@ from msb.scenes.datasets.rules import AS_IS, Size, half_even
 from msb.scenes.datasets.scene import Scene
 from msb.scenes.image_size import image_size
 
-# A recorded width is reported if it is at least this multiple of the photograph's width.
+# If the recorded width is at least this multiple of the photograph's width, a note is made.
 _FAR = 1.5
 
 
@@ -37,7 +37,7 @@ def note_scaled_cameras(scenes: Iterable[Scene]) -> str | None:
 
 
 def _describe_scaling(scene: Scene) -> str | None:
-    """Return the sentence about one scene; None if the sizes are close."""
+    """Return the sentence about one scene. If the sizes are close, return None."""
     view = scene.test[0]
     recorded, used = view.source_size or (view.width, view.height), (view.width, view.height)
     stored = None if view.image_path is None else _read_size(view.image_path)
@@ -46,15 +46,15 @@ def _describe_scaling(scene: Scene) -> str | None:
     place = "" if scene.image_folder == "." else f" in {shorten(scene.image_folder, 40)}"
     return (
         f"the cameras of {shorten(scene.name, 40)} were recorded at {_format_size(recorded)} pixels, but the "
-        f"photographs{place} have {_format_size(stored)}; the cameras are scaled, and images of "
-        f"{_format_size(used)} are rendered and compared"
+        f"photographs{place} have {_format_size(stored)}; cameras are scaled, and the compared images have "
+        f"{_format_size(used)}"
     )
 
 
 def note_recorded_size(path: str | os.PathLike[str], cameras: Sequence[Camera]) -> str | None:
     """Return a sentence about a COLMAP model whose image sizes far exceed the photographs beside it, or None.
 
-    `path` is the path that was passed to `read_cameras`, and `cameras` is the result.
+    `path` is the argument of `read_cameras`, and `cameras` is the result.
     """
     view = cameras[0]
     beside = find_photographs(path, cameras)
@@ -92,7 +92,7 @@ def find_photographs(path: str | os.PathLike[str], cameras: Sequence[Camera]) ->
 
 
 def _read_size(file: Path) -> Size | None:
-    """Return the size of an image; None if it is missing or cannot be read."""
+    """Return the size of an image. If the image is missing or cannot be read, return None."""
     with contextlib.suppress(MsbError):
         return image_size(file) if is_file(file) else None
     return None
@@ -127,7 +127,7 @@ def compare_training(
 def warn_test_views() -> Finding:
     """Return the warning about a model that was trained on all views."""
     return _warn_training(
-        "it was trained on the test views (eval=False); results on these are not comparable"
+        "the model was trained on the test views (eval=False); results on test views are not comparable"
     )
 
 
@@ -140,10 +140,10 @@ def warn_unknown_split() -> Finding:
 
 
 def warn_background(background: Color, drawn: Color) -> Finding:
-    """Return the warning about a model rendered over another background than in its training."""
+    """Return the warning for a model whose training had another background."""
     return _warn_training(
-        f"it was trained over {color_name(background)} and is rendered over {color_name(drawn)}; "
-        "wherever the background is visible, it differs from the photographs"
+        f"the model was trained over {color_name(background)} and is rendered over {color_name(drawn)}; "
+        "visible background differs from the photographs"
     )
 
 
@@ -157,10 +157,10 @@ def _training_size(training: Mapping[str, Any], scene: Scene) -> Size | None:
     if "width" in training and "height" in training:
         return training["width"], training["height"]
     view, folder = scene.test[0], training.get("images")
-    if folder in (None, "..") or scene.layout != "colmap":  # other layouts ignore the image folder
+    if folder in (None, "..") or scene.layout != "colmap":  # only this layout has image folders
         return None
-    # Read the size of the stored photographs. If the folder images_N is missing, use the size of its
-    # published counterpart.
+    # Read the size of the stored photographs. If the folder images_N is missing, use the published size of
+    # its images.
     stored: Size | None = None
     with contextlib.suppress(MsbError):
         stored = image_size(SpelledFiles(scene.root / folder).find(str(view.name)))

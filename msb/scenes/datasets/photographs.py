@@ -21,11 +21,11 @@ MASKS = "mask"
 MASK_FOLDER = "masks"
 # Pillow's modes of photographs: 8 bits per channel, with or without alpha.
 PHOTOGRAPH_MODES = ("RGB", "RGBA", "L", "LA")
-# Formats (Pillow's name, readable name) that are only accepted for conversion.
+# Image formats that must be converted before use (Pillow's name, readable name).
 _OTHER_KINDS = {"WEBP": "WebP", "AVIF": "AVIF", "HEIF": "HEIC"}
 # EXIF orientations of at least this value swap width and height.
 _FIRST_SWAP = 5
-# Number of missing photographs that a message names, and number of similar file names that it suggests.
+# Maximum number of missing photographs in a message, and maximum number of similar file names in a message.
 _MAX_NAMES, _MAX_HINTS = 4, 2
 # Tolerated difference in pixels between the heights of a photograph and its camera, scaled to equal width.
 _ROUNDED_AWAY = 1.5
@@ -46,8 +46,8 @@ def choose_photographs(
     The caller's arguments replace the defaults of the rules. If the folder of photographs is missing, another
     folder may be used. Notes for the user are appended to `warnings`.
     """
-    # Find the rule of the dataset and, for Mip-NeRF 360, of the scene's group. Unknown scenes use the rule of
-    # the first group.
+    # Find the rule of the dataset. Mip-NeRF 360 has a rule for each group of scenes. Unknown scenes use the
+    # rule of the first group.
     group = ""
     if dataset in DATASETS:
         scenes = DATASETS[dataset].scenes
@@ -64,7 +64,7 @@ def choose_photographs(
     folder = image_folder or ("." if layout in ("blender", "transforms") else rule.folder)
     rounding = rules.rounding
     wanted = rule.resolution if resolution is None else resolution
-    # If the folder is missing, the rules may name a substitute and a divisor.
+    # If the folder is missing, the rules may name another folder and a divisor.
     if not is_folder(root / folder):
         if image_folder is not None or rule.instead is None or not is_folder(root / rule.instead[0]):
             raise _missing_folder(root, folder)
@@ -89,10 +89,11 @@ def _missing_folder(root: Path, folder: str) -> SceneError:
 def locate_photographs(
     root: Path, layout: Layout, views: Sequence[Camera], folder: str, *, is_requested: bool
 ) -> list[Camera]:
-    """Return the views with the paths of their photographs, which need not exist.
+    """Return the views with the paths of their photographs. The files may be missing.
 
-    Names of photographs are relative to `folder`. Names in JSON files begin with a folder. A requested folder
-    such as images_2 replaces the folder in the names, unless the names are found below the requested folder.
+    Names of photographs are relative to `folder`. In JSON files, the name of a photograph begins with a
+    folder. A requested folder such as images_2 replaces this first folder. If a photograph with its full name
+    exists below the requested folder, the full name is used.
     """
     files = SpelledFiles(root / folder)
     located = [replace(view, image_path=files.find(str(view.name))) for view in views]
@@ -114,8 +115,8 @@ def check_missing(
 ) -> None:
     """Report views without a photograph: raise an error if too many are missing, else add a warning.
 
-    With `are_left_out`, one photograph is enough. Without `are_left_out`, all test views and one view of each
-    recorded size must have a photograph.
+    If `are_left_out` is true, one view with a photograph is enough. Without `are_left_out`, all test views
+    and one view of each recorded size must have a photograph.
     """
     missing = [view for view in views if not _has_photograph(view)]
     if not missing:
@@ -124,7 +125,7 @@ def check_missing(
     needed = [view for view in missing if view.split == "test" or (view.width, view.height) not in sizes]
     is_error = not sizes if are_left_out else bool(needed)
     reported = needed if is_error and needed else missing
-    # Name the first missing photographs, and files whose names differ from them by suffix or case.
+    # List the first missing photographs. Also list files with a similar name, which differ by suffix or case.
     names = []
     alike = 0
     for number, view in enumerate(reported[:_MAX_NAMES]):
@@ -154,10 +155,11 @@ def _find_near_miss(view: Camera) -> str | None:
 
 @dataclass(frozen=True)
 class StoredPhotographs:
-    """The photographs of the views: how each is read, and its size after rotation and undistortion.
+    """The photographs of the views: the steps for reading each photograph, and its final size.
 
-    `views` are pinhole cameras. A view has the size of its undistorted photograph, or else the recorded size.
-    `sizes` has an entry for each view. `readings` has an entry only for views whose photographs are changed.
+    `views` are pinhole cameras. A view has the size of its undistorted photograph. If the photograph is
+    missing, the view has the recorded size. `sizes` has an entry for each view. `readings` has an entry only
+    for views whose photographs are changed.
     """
 
     views: list[Camera]
@@ -170,9 +172,9 @@ def inspect_photographs(
 ) -> StoredPhotographs:
     """Read the headers of the photographs, and return how each photograph is read.
 
-    Photographs of cameras with one recorded size must have equal sizes. Missing photographs are assumed to
-    have the size of the others. `converts` also accepts image formats that cannot be compared without
-    conversion.
+    If cameras have equal recorded sizes, their photographs must have equal sizes. A missing photograph gets
+    the size of the other photographs. If `converts` is true, formats that must first be converted are
+    accepted.
     """
     sizes: dict[Size, tuple[Size, Camera]] = {}
     turned: dict[str, int] = {}
@@ -200,8 +202,8 @@ def inspect_photographs(
     for record, (size, first) in sizes.items():
         if not _fits(size, record):
             text = (
-                f"it has {size[0]} x {size[1]} pixels, but its camera {record[0]} x {record[1]}, another "
-                "aspect ratio; the recorded angles of view are kept"
+                f"it has {size[0]} x {size[1]} pixels, but its camera has {record[0]} x {record[1]}; "
+                "the aspect ratios differ, and the recorded angles of view are kept"
             )
             warnings.append(finding("SCENE_IMAGE", text, severity="warning", file=str(first.image_path)))
     # Undistorted photographs have the size of their pinhole camera.
@@ -229,7 +231,7 @@ def _check_kind(root: Path, path: Path, header: ImageHeader, *, converts: bool) 
 
 
 def _choose_orientation(header: ImageHeader, record: Size) -> tuple[Size, str | None]:
-    """Return the image size of a photograph after reading, and the decision about its EXIF orientation.
+    """Return the final image size of a photograph, and whether its EXIF orientation is applied.
 
     COLMAP records the size of the pixels as stored, without the EXIF orientation. Other programs record the
     image size after applying the EXIF orientation. The decision is "applied", "as stored", "undecided", or
@@ -249,11 +251,11 @@ def _fits(size: Size, record: Size) -> bool:
 
 
 def _note_orientation(verdict: str, orientation: int, views: Sequence[Camera]) -> Finding:
-    """Return the note about the EXIF orientation of some photographs."""
+    """Return a note that states whether the EXIF orientation of photographs was applied."""
     count = f"{len(views)} photograph{'s' if len(views) > 1 else ''}"
     width, height = views[0].width, views[0].height
     recorded = f"because the cameras were recorded at {width} x {height} pixels"
-    undecided = "is not applied; the recorded size of the cameras does not decide whether it should be"
+    undecided = "is not applied; the recorded camera size does not determine the orientation"
     ends = {"applied": f"is applied, {recorded}", "as stored": f"is not applied, {recorded}"}
     text = f"the EXIF orientation {orientation} of {count} {ends.get(verdict, undecided)}"
     severity: Severity = "warning" if verdict == "undecided" else "info"
@@ -269,7 +271,7 @@ def count_missing(views: Sequence[Camera]) -> dict[str, int]:
 def _count_by_split(missing: Sequence[Camera], views: Sequence[Camera]) -> str:
     """Return a count such as "1 of 9 test and 16 of 58 training photographs".
 
-    A split without missing photographs is left out.
+    The text omits a split without missing photographs.
     """
     parts = []
     for split, title in (("test", "test"), ("train", "training")):
@@ -286,10 +288,10 @@ def find_masks(
     image_folder: str,
     warnings: list[Finding],
 ) -> tuple[MaskSource | None, Mapping[str, Path]]:
-    """Return the kind of masks of the photographs, and for mask files a mapping from camera name to file.
+    """Return the kind of masks. For mask files, also return the file of each camera name.
 
     An alpha channel takes precedence over mask files. `paths` are the mask files that transforms.json names.
-    Captures outside the masked datasets need no masks.
+    Only scenes of masked datasets, such as DTU, need masks.
     """
     shot = {str(v.name): v.image_path for v in views if v.image_path is not None and _has_photograph(v)}
     tests = {
@@ -320,7 +322,7 @@ def _find_mask_files(
     image_folder: str,
     warnings: list[Finding],
 ) -> tuple[MaskSource | None, Mapping[str, Path]]:
-    """Find the masks of a capture by their names; a few views may lack a mask.
+    """Find the masks of a capture by their names. A few views may lack a mask.
 
     The mask of images/a.jpg is called masks/a.jpg, masks/a.jpg.png (as in COLMAP) or masks/a.png. The mask of
     images_2/a.jpg may also be in masks_2.
@@ -357,7 +359,7 @@ def _find_mask_files(
 
 
 def _check_mask(mask: Path, size: Size) -> None:
-    """Raise SCENE_IMAGE if the aspect ratio of a mask matches neither its stored nor rotated photograph."""
+    """Raise SCENE_IMAGE if a mask has another aspect ratio than its photograph. The mask may be rotated."""
     stored = read_header(mask).size
     if not (_fits(stored, size) or _fits(stored, size[::-1])):
         text = f"it has {stored[0]} x {stored[1]} pixels, but its photograph {size[0]} x {size[1]}"

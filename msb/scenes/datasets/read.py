@@ -32,7 +32,7 @@ from msb.scenes.datasets.scene import MaskSource, Scene
 from msb.scenes.datasets.splits import SplitViews, check_split, read_mask_paths, split_views
 from msb.scenes.image_size import read_header
 
-# gs_fov may move the principal point by this distance in pixels without a warning.
+# If gs_fov moves the principal point by more than this distance in pixels, a warning is given.
 MAX_SHIFT = 0.5
 
 
@@ -64,7 +64,7 @@ def read_scene(
         8 divide the size, -1 keeps photographs up to 1600 pixels wide, any other number is a width in pixels.
     camera_convention : {"gs_fov", "full_K"}, optional
         "gs_fov" uses the recorded angles of view and a principal point in the middle; "full_K" uses the
-        recorded principal point. The convention must equal that of the checkpoint's training
+        recorded principal point. Use the convention of the checkpoint's training
         (`RULES[method].convention`). Default: the convention of the rules; our rules use "full_K".
     background : (float, float, float), optional
         The background colour in [0, 1]. Default: white for masked datasets, else the background of the rules;
@@ -77,9 +77,9 @@ def read_scene(
     Returns
     -------
     Scene
-        The scene. Only the headers of photographs are read; `msb.metrics.ground_truth` rotates, undistorts
-        and masks the photographs. In captures outside the benchmark, views without a photograph are left out
-        before the split, with a warning. Scenes of the benchmark keep views without a photograph, but their
+        The scene. Only the headers of photographs are read. Rotating, undistorting and masking is done by
+        `msb.metrics.ground_truth`. In captures outside the benchmark, views without a photograph are removed
+        with a warning, before the views are split. Scenes of the benchmark keep such views, but all their
         test photographs must exist.
 
     Raises
@@ -159,20 +159,20 @@ def read_scene(
 def _split(root: Path, layout: Layout, key: str, by: Rules, views: Sequence[Camera]) -> SplitViews:
     """Split the views of a scene.
 
-    Recorded splits of captures outside the benchmark are used only by our rules.
+    Outside the benchmark, only our rules use a recorded split.
     """
     is_fixed = key in DATASETS or by is not RULES[OURS]
     return split_views(root, layout, views, by_name=by.order == "name", is_benchmark=is_fixed)
 
 
 def _locate_views(root: Path, layout: Layout, by: Rules, folder: str, *, is_requested: bool) -> list[Camera]:
-    """Return the recorded cameras of a scene, each with the path of its photograph."""
+    """Return the recorded cameras of a scene. Each camera has the path of its photograph."""
     views = read_views(root, layout, by, folder)
     return locate_photographs(root, layout, views, folder, is_requested=is_requested)
 
 
 def scene_of_cameras(folder: Path, cameras: Sequence[Camera]) -> Scene:
-    """Return a capture from a folder of photographs; all views are training views at their full size."""
+    """Return a capture from a folder of photographs. All views are training views at their full size."""
     warnings: list[Finding] = []
     located = locate_photographs(folder, "colmap", cameras, ".", is_requested=False)
     views = [replace(view, split="train") for view in located]
@@ -208,7 +208,7 @@ def missing_photographs(
 ) -> dict[str, int]:
     """Count missing training and test photographs, even for a scene that is rejected.
 
-    The parameters, and the errors about cameras and folders, are the same as in `read_scene`.
+    The parameters are those of `read_scene`. Errors about cameras and folders are also the same.
     """
     root = given_path(path)
     layout, by = _require_layout(root), rules_of(rules)
@@ -261,7 +261,7 @@ def _recognise(root: Path, layout: Layout, warnings: list[Finding]) -> str:
         return CUSTOM
     try:
         views = read_views(root, layout, RULES[OURS], "images")
-    except MsbError:  # reading the scene reports the error
+    except MsbError:  # ignore this error, because `read_scene` raises it later
         return next(iter(suggested))
     names = [str(view.name) for view in views]
     sizes = {(view.width, view.height) for view in views}
@@ -272,8 +272,8 @@ def _recognise(root: Path, layout: Layout, warnings: list[Finding]) -> str:
             return key
     key = next(iter(suggested))
     text = (
-        f"its name is that of a {DATASETS[key].title} scene, but its photographs have other names or sizes; "
-        f"it is read as another capture. Pass --dataset {key} to apply the rules of the benchmark"
+        f"this folder has the name of a {DATASETS[key].title} scene, but other photographs; "
+        f"its scene is read as another capture. Pass --dataset {key} to apply the rules of the benchmark"
     )
     warnings.append(finding("SCENE_UNKNOWN", text, severity="info", file=str(root)))
     return CUSTOM
@@ -295,16 +295,16 @@ def root_name(root: Path) -> str:
 
 
 def _absolute_path(root: Path) -> Path:
-    """Return the absolute path; links are not followed, so the names stay as given."""
+    """Return the absolute path without following links."""
     return Path(os.path.abspath(root))  # noqa: PTH100 - resolve() would follow links
 
 
 def _require_layout(root: Path) -> Layout:
-    """Return the layout of a scene's folder; raise an error if it is not a scene."""
+    """Return the layout of a scene's folder. If the folder is not a scene, raise an error."""
     check_folder(root)
     layout = find_layout(root)
     if layout is None:
-        scenes = find_scenes(root)  # raises an error if the folder does not contain scenes either
+        scenes = find_scenes(root)  # raises an error if the folder contains no scenes
         names = ", ".join(scene.relative_to(root).as_posix() for scene in scenes[:4])
         text = f"it is not a scene but contains {len(scenes)}: {shorten(names)}; pass one of them"
         raise SceneError("SCENE_LAYOUT", text, file=root)
@@ -320,7 +320,7 @@ def rules_of(name: str) -> Rules:
 
 
 def _check_color(values: Sequence[float]) -> Color:
-    """Return the background as a colour; each channel must be from 0 to 1."""
+    """Return the background as a colour. Each channel must be from 0 to 1."""
     if len(values) != 3 or not all(0 <= value <= 1 for value in values):
         text = f"the background is {shorten(repr(values), 60)}; it must be red, green and blue from 0 to 1"
         raise SceneError("SCENE_ARGUMENT", text)
@@ -354,7 +354,7 @@ class SceneAt:
 
     @lru_cache(maxsize=8)  # noqa: B019 - at most eight scenes stay in memory
     def read(self) -> Scene:
-        """Return the scene; recently read scenes are cached."""
+        """Return the scene. Recently read scenes are cached."""
         return read_scene(**{key: value for key, value in vars(self).items() if key != "name"})
 
 
@@ -372,8 +372,8 @@ def scene_at(
     """Describe the evaluation of a method on a scene without reading the scene's folder.
 
     `official_background` is the background in the method's official evaluation, if the model records one. The
-    last four arguments override the rules, as in `read_scene`. By default, our rules give the size, the
-    method's training gives the camera convention, and `evaluation_background` gives the background.
+    last four arguments override the rules, as in `read_scene`. By default, our rules define the size, the
+    method's training defines the camera convention, and `evaluation_background` returns the background.
     """
     return SceneAt(
         dataset=dataset,
@@ -395,7 +395,7 @@ def scene_of(
     resolution: int | None = None,
     camera_convention: Convention | None = None,
 ) -> Scene:
-    """Return a scene prepared to evaluate the method of a model; raises the errors of `read_scene`."""
+    """Return a scene prepared to evaluate the method of a model. The errors are those of `read_scene`."""
     place = given_path(path)
     notes: list[Finding] = []
     at = scene_at(

@@ -1,11 +1,11 @@
 """Rules for reading scenes: the choice of photographs, image sizes, cameras and backgrounds.
 
-The rules called "ours" apply to all methods of the benchmark. All other rules describe a method's official
-code and are declared by the method (`msb.registry`). The official rules serve to list deviations and to
-reproduce published numbers. The page docs/datasets.md prints all rules as a table.
+The rules called "ours" apply to all methods of the benchmark. All other rules describe the official code of a
+method, and the method's package declares them (`msb.registry`). The official rules serve to list deviations
+and to reproduce published numbers. The page docs/datasets.md prints all rules as a table.
 
-A `resolution` has the meaning of ``-r`` in the 3DGS family: 1, 2, 4 or 8 divides the size, -1 reduces only
-very large photographs, and any other number is a width in pixels.
+A `resolution` has the meaning of ``-r`` in the 3DGS family. The values 1, 2, 4 and 8 divide the size, and -1
+reduces only very large photographs. Any other number is a width in pixels.
 """
 
 import math
@@ -58,15 +58,15 @@ class Photographs:
 
 @dataclass(frozen=True)
 class Rules:
-    """How one loader reads datasets.
+    """The rules of one loader for reading datasets.
 
     Attributes
     ----------
     title, source : str
         The loader's name, and the source of its rules (owner/repo: path).
     convention : Convention
-        The camera convention of the method's training. "gs_fov": recorded angles of view, principal point in
-        the middle. "full_K": recorded principal point.
+        The camera convention of the method's training. "gs_fov" uses the recorded angles of view and a
+        principal point in the middle. "full_K": recorded principal point.
     rounding : Rounding
     resampling : {"bicubic", "bilinear"}
         Pillow's filters, both antialiased.
@@ -95,9 +95,9 @@ class Rules:
     backgrounds: Mapping[str, Color] = field(default_factory=lambda: {"": BLACK})
 
     def photographs_of(self, dataset: str, group: str = "") -> Photographs | None:
-        """Return the rule for a group of a dataset's scenes.
+        """Return the rule for the photographs of a dataset, or of a group of its scenes.
 
-        The result is None if the loader does not support the dataset.
+        If the loader does not support the dataset, the result is None.
         """
         key = dataset if dataset in DATASETS else CUSTOM
         return self.photographs.get(f"{key}/{group}") or self.photographs.get(key)
@@ -117,8 +117,8 @@ FAMILY: Mapping[str, Photographs] = {
     CUSTOM: Photographs(),
 }
 
-# Photographs used by code derived from 3DGS if its scripts name no folder. For Mip-NeRF 360 these are the
-# originals, reduced to `LARGEST`.
+# Photographs that are used if a script of code derived from 3DGS names no folder. For Mip-NeRF 360, the
+# original photographs are reduced to `LARGEST`.
 FULL_SIZE: Mapping[str, Photographs] = {
     **FAMILY,
     "mipnerf360/outdoor": Photographs(),
@@ -140,8 +140,8 @@ def check_resolution(resolution: int) -> int:
 def half_even(size: Size, resolution: int) -> Size:
     """Return the image size after resizing in the 3DGS family, Triangle-Splatting, MeshSplatting and 2DGS.
 
-    A side divided by the resolution is rounded half to even. If a width is requested, fractions of a pixel
-    are truncated. At resolution -1, only photographs wider than `LARGEST` are reduced.
+    For the resolutions 2, 4 and 8, sides are rounded half to even. If a width is requested, fractions of a
+    pixel are truncated. At resolution -1, only photographs wider than `LARGEST` are reduced.
 
     Source: `graphdeco-inria/gaussian-splatting`: utils/camera_utils.py (`loadCam`).
     """
@@ -176,8 +176,8 @@ def floor(size: Size, resolution: int) -> Size:
 def half_up(size: Size, resolution: int) -> Size:
     """Return the image size in the folders images_2, images_4 and images_8 as published with Mip-NeRF 360.
 
-    Divided sides are rounded half up (`nerfbaselines/nerfbaselines`: its Mip-NeRF 360 loader). Other
-    resolutions follow `half_even`.
+    Divided sides are rounded half up (`nerfbaselines/nerfbaselines`: its Mip-NeRF 360 loader). For all other
+    resolutions, the result is that of `half_even`.
     """
     if resolution not in _DIVISORS:
         return half_even(size, resolution)

@@ -20,15 +20,15 @@ MaskSource = Literal["png_alpha", "mask_folder", "mask_path"]
 
 @dataclass(frozen=True)
 class Reading:
-    """The steps that turn a stored photograph into the image of its view's pinhole camera, before resizing.
+    """The steps between a stored photograph and the undistorted image of a pinhole camera, before resizing.
 
     Attributes
     ----------
     orientation : int
         The EXIF orientation to apply; 1 keeps the pixels as stored.
     lens : Camera, optional
-        The camera of the photograph, with the distortion that is removed. This camera has the size of the
-        rotated photograph.
+        The camera of the photograph, with the distortion that is removed. The size of this camera is the size
+        of the rotated photograph.
     """
 
     orientation: int = 1
@@ -102,6 +102,6 @@ class Scene:
 
     @cached_property
     def up(self) -> tuple[float, float, float]:
-        """The unit vector that points up in the world of the capture; see `find_up`."""
+        """The unit vector that points up in the world of the capture (`find_up`)."""
         x, y, z = find_up([*self.train, *self.test]).tolist()
         return x, y, z

@@ -46,8 +46,8 @@ def split_views(
 
     Without a recorded split, every 8th view is a test view.
 
-    `by_name` sorts views by their full names instead of their stems. Datasets of the benchmark
-    (`is_benchmark`) without transforms_train.json always use every 8th view as a test view.
+    `by_name` sorts views by their full names instead of their stems. A benchmark dataset (`is_benchmark`)
+    without transforms_train.json uses every 8th view as a test view.
     """
     notes: list[Finding] = []
     recorded = None if is_benchmark and layout != "blender" else _read_split(root, layout, views, notes)
@@ -83,7 +83,8 @@ def _read_split(
     lists.pop("val", None)
     if "test" not in lists:
         return None
-    # Find the views of the listed names. If only a test list exists, all unlisted views are training views.
+    # Find the views of the listed names. If only a list of test views exists, all other views are training
+    # views.
     found = _NameTable(views)
     split: dict[str, Split] = {} if "train" in lists else {str(view.name): "train" for view in views}
     unknown: list[str] = []
@@ -99,13 +100,13 @@ def _read_split(
         text = f"{len(unknown)} names of the split have no view, for example {shorten(unknown[0], 60)}"
         notes.append(finding("SCENE_LAYOUT", text, severity="warning", file=str(file)))
     if left := len(views) - len(split):
-        text = f"{left} of {len(views)} views are in no list of the split; they are not used"
+        text = f"{left} of {len(views)} views are not used, because no list of the split names them"
         notes.append(finding("SCENE_LAYOUT", text, severity="warning", file=str(file)))
     return split
 
 
 class _NameTable:
-    """Finds a view by its name, or by a shortened name that is unique: without folders or suffix."""
+    """Finds a view by its full name. A short name without folders or suffix is accepted if it is unique."""
 
     def __init__(self, views: Iterable[Camera]) -> None:
         self._names: dict[str, set[str]] = {}
@@ -121,14 +122,14 @@ class _NameTable:
 
 
 def _spellings(name: str) -> list[str]:
-    """Return a name, the name without its first folder and without folders, and all without suffix."""
+    """Return the name and its shorter forms: without first folder, without folders, without suffix."""
     path = PurePosixPath(name)
     paths = [path, PurePosixPath(*path.parts[1:]) if len(path.parts) > 1 else path, PurePosixPath(path.name)]
     return [str(part) for part in (*paths, *(part.with_suffix("") for part in paths if part.name))]
 
 
 def _read_lists(root: Path, layout: Layout) -> dict[Split, tuple[Path, list[str]]]:
-    """Return for each split the file that lists its views, and the listed names."""
+    """For each split, return the names of its views and the file that lists them."""
     if layout == "transforms":
         document = read_json(Source.open(root / SINGLE))
         lists = {split: document.get(key) for split, key in _KEYS.items()}
@@ -174,6 +175,6 @@ def read_mask_paths(root: Path, layout: Layout) -> Mapping[str, str]:
                 if path is not None:
                     mask = path.text().removeprefix("./")
                     with path.locating():
-                        check_name(mask)  # before a file of this name is searched
+                        check_name(mask)  # reject an invalid name before searching its file
                     masks[image_name(frame["file_path"].text())] = mask
     return masks
