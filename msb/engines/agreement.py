@@ -2,8 +2,8 @@
 
 The largest difference of two images is not a useful measure of their agreement. Graphics hardware snaps
 triangle corners to a grid of 1/256 pixel, some software renderers to 1/16 pixel, and ray tracers do not snap
-corners at all. At edges and intersections, two correct renderers may therefore show different faces. Inside a
-face, away from its edges, two renderers must agree.
+corners at all. Two correct renderers may show different faces at edges and intersections. Inside a face, away
+from its edges, two renderers must agree.
 """
 
 from collections.abc import Sequence

@@ -1,10 +1,9 @@
 """A headless browser that shows one of our pages and executes drawing tasks.
 
 A local HTTP server sends tasks to the page and receives answers (web/remote.js), so that no driver and no
-debugging protocol is needed. The page's address contains a secret. With a secret in the address, other users
-of the machine cannot read the asset, and cannot answer in place of the page. Other users of the machine can
-see the command line of the browser. Therefore the command line of the browser contains another address, which
-redirects to the page only once.
+debugging protocol is needed. The page's address contains a secret. Other users who do not know the secret can
+neither read the asset nor send false answers. Other users of the machine can see the browser's command line.
+The command line therefore shows a temporary address, which redirects to the page only once.
 """
 
 import contextlib
@@ -28,8 +27,8 @@ from msb.errors import DeviceError, shorten
 
 # The environment variable with the path of the browser to use.
 VARIABLE = "MSB_BROWSER"
-# Without the variable, the browser is searched by these names on PATH, then at usual paths on macOS and
-# Windows.
+# If the variable is not set, msb searches PATH for these names. On macOS and Windows, it then searches the
+# usual installation paths.
 _NAMES = (
     "chromium",
     "chromium-browser",
@@ -229,7 +228,7 @@ def _end(
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-    tasks.put(b"")  # this ends a waiting server thread, which would keep all content in memory
+    tasks.put(b"")  # this stops a server thread that still waits for a task
     server.shutdown()
     server.server_close()
     log.close()
@@ -243,9 +242,9 @@ def _handler(
     tasks: queue.Queue[bytes],
     answers: queue.Queue[bytes],
 ) -> type[BaseHTTPRequestHandler]:
-    """Return a request handler for the files of `content` and the tasks below the path `root`.
+    """Return a request handler that serves the files in `content` and the tasks below the path `root`.
 
-    `redirects` maps paths to addresses; each path works only once.
+    `redirects` maps a path to an address. Each redirect works only once.
     """
 
     class Handler(BaseHTTPRequestHandler):

@@ -71,7 +71,7 @@ class WebOptions:
     ] = None
     baked: Annotated[
         Path | None,
-        Option("Also show the mesh FILE, written by msb bake for this model, with its PSNR.", metavar="FILE"),
+        Option("Also show FILE, a mesh that msb bake wrote for this model, and its PSNR.", metavar="FILE"),
     ] = None
     no_verify: Annotated[bool, Option("Do not measure the page in a browser.")] = False
     at_least: Annotated[
@@ -327,7 +327,7 @@ def _as_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _measure_baked(content: PageContent, baked: Asset, tests: Sequence[CheckView]) -> BakedMesh:
-    """Return the baked mesh, and the test PSNRs of this mesh and of the standard-tier mesh."""
+    """Return the baked mesh with its average PSNR, and with the average PSNR of the standard-tier mesh."""
     from msb.asset.tiers import why_not
     from msb.engines.dedicated_page.page import BakedMesh
     from msb.engines.engine import engine_mesh
@@ -346,7 +346,7 @@ def _measure_baked(content: PageContent, baked: Asset, tests: Sequence[CheckView
 
 
 def _read_test_view(camera: Camera, folder: Path, background: tuple[float, float, float]) -> CheckView:
-    """Return a test view with a camera, the image for it from a folder, and the size of the image."""
+    """Return a test view whose image is read from `folder`. The camera gets the size of the image."""
     from msb.engines.dedicated_page.page import CheckView
     from msb.metrics.image_files import read_image
 

@@ -1,9 +1,8 @@
 """The renderer `wgpu` uses Vulkan, Metal or Direct3D 12 through wgpu-py, with a hardware z-buffer.
 
-The pipeline is the usual pipeline for an opaque, unlit mesh with vertex colours or textures. The camera has
-our intrinsics and pose, a near plane at 0.01 and no far plane. The depth buffer is reversed: 1 at the near
-plane, 0 at infinity. Colours are written to a float32 render target, so they are neither rounded nor
-converted.
+The pipeline draws an opaque, unlit mesh with vertex colours or textures. The camera has our intrinsics and
+pose, a near plane at 0.01 and no far plane. The depth buffer is reversed: 1 at the near plane, 0 at infinity.
+Colours are written to a float32 render target, so they are neither rounded nor converted.
 """
 
 import contextlib
@@ -54,7 +53,7 @@ class WgpuRenderer(Engine):
     With `device` "cpu" a software adapter draws; with "gpu" any other adapter draws.
 
     Frames have a `face_id` if the adapter supports primitive indices. If the adapter supports timestamps, the
-    device measures times. Without timestamps, times are wall-clock times, in the stage `WALL_CLOCK`.
+    device measures times. Without timestamps, the wall clock measures times, in the stage `WALL_CLOCK`.
     """
 
     name = "wgpu"
@@ -113,7 +112,7 @@ class WgpuRenderer(Engine):
         return __version__
 
     def memory(self) -> Mapping[str, int]:
-        """Return the memory of every buffer and texture, as name of the use -> bytes."""
+        """Return the bytes of every buffer and texture, by use."""
         return self._gpu.memory()
 
     def close(self) -> None:
@@ -122,7 +121,7 @@ class WgpuRenderer(Engine):
         self._gpu.close()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return the group of each use of memory; textures belong to "appearance"."""
+        """Return the group in memory reports for each use; textures belong to "appearance"."""
         textures = (use for use in self._gpu.resources if use.startswith("texture "))
         return {**super().memory_groups(), **dict.fromkeys(textures, "appearance")}
 
@@ -233,7 +232,7 @@ class WgpuRenderer(Engine):
         return DrawTime({DRAW: milliseconds}, milliseconds)
 
     def _encode_pass(self, encoder: Any, background: Color, ids: bool) -> None:
-        """Encode the render pass, with timestamps at its ends if the device has a clock."""
+        """Encode the render pass; if the device has a clock, write timestamps before and after the pass."""
         resources = self._gpu.resources
         clears = {"image": (*background, 0.0), **({"face ids": (2.0**32 - 1, 0, 0, 0)} if ids else {})}
         options: dict[str, Any] = {}

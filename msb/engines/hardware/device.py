@@ -41,8 +41,8 @@ class Band:
 def split_into_bands(width: int, height: int, scale: int, side: int, room: int) -> list[Band]:
     """Return the bands that cover a frame of `width` x `height` pixels.
 
-    A band has at most `room` pixels, and at most `side` samples along each axis, at `scale` samples per
-    pixel.
+    A band has at most `room` pixels. Its width and height are at most `side` samples; a pixel has `scale`
+    samples along each axis.
     """
     columns = min(width, side // scale, room)
     rows = max(min(height, side // scale, room // columns), 1)
@@ -83,7 +83,7 @@ class DevicePlan:
                 layout = self._make_layout(step.bindings)
                 compiled[key] = layout, self._make_pipeline(step, layout)
             self._pipelines.append(compiled[key])
-        # (Step number, band number) -> bind group.
+        # The bind group for each pair (step number, band number).
         self._groups: dict[tuple[int, int], Any] = {}
 
     def _make_layout(self, bindings: Iterable[Binding]) -> Any:
@@ -194,7 +194,8 @@ class DevicePlan:
         }
 
     def stages(self) -> list[tuple[str, list[tuple[int, int]]]]:
-        """Return the stages of a frame in order. Each stage has a list of steps (number, band)."""
+        """Return the stages of a frame in order. A stage is its name and a list of pairs (step number, band
+        number)."""
         first = len(self._plan.passes)
         order = [(number, 0) for number in range(first)]
         order += [(number, k) for k in range(len(self.bands)) for number in range(first, len(self._steps))]
@@ -205,9 +206,9 @@ class DevicePlan:
     def encode(
         self, encoder: Any, steps: list[tuple[int, int]], timed: tuple[Any, int, int] | None = None
     ) -> None:
-        """Encode the steps of one entry of `stages`.
+        """Encode the steps of one stage.
 
-        `timed` has a query set and the numbers of the queries for the start and the end. Consecutive compute
+        `timed` is a query set with the numbers of the start query and the end query. Consecutive compute
         steps share a compute pass; every draw step is a separate render pass.
         """
         # Group the steps into compute and render passes.

@@ -20,8 +20,8 @@ from msb.render.surface import Surface
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
-# The struct `View` of view.wgsl, without the members of a method. The members of the method follow these
-# members in the buffer.
+# The common members of the struct `View` in view.wgsl. The members of the method follow directly in the
+# buffer.
 VIEW = np.dtype(
     [
         ("world_to_camera", np.float32, 12),

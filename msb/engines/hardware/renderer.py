@@ -31,7 +31,7 @@ _BLENDS = {FLOAT: "float32", HALF: "half floats"}
 _ROOM = {FLOAT: 1 << 23, HALF: 1 << 24, NUMBERS: 1 << 24}
 
 
-# First word in the name of a memory use -> group of this use in reports.
+# The group in memory reports for the first word of each memory use.
 _GROUPS = {
     **dict.fromkeys(("positions", "indices"), "geometry"),
     **dict.fromkeys(("coverage", "f_dc", "f_rest", "opacity", "features", "decoder"), "appearance"),
@@ -166,8 +166,8 @@ class HardwareRenderer:
     def _run_by_stage(self) -> DrawTime:
         """Submit each stage separately and time it with the wall clock, for software adapters.
 
-        The timestamps of lavapipe are useless for compute passes, because lavapipe writes them only at the
-        next draw. With a software adapter, waiting for each stage takes no additional time.
+        Lavapipe writes the timestamps of a compute pass only at the next draw, so they are useless here.
+        Waiting for each stage costs no extra time with a software adapter.
         """
         spent: dict[str, float] = {}
         begun = time.perf_counter()

@@ -2,7 +2,7 @@
 import { matrixOf } from "./camera.js";
 // Executes the plan of a frame (msb/engines/hardware/program.py) with WebGPU. WGSL, buffers and passes are the same as in
 // the renderer `wgpu`. For each frame, this script only computes the uniform buffer of the camera.
-const SLOT = 256;        // bytes between entries of a uniform buffer that are bound separately
+const SLOT = 256;        // bytes between the entries of a uniform buffer
 const PIXEL_BYTES = 20;  // red, green, blue, alpha and depth of a pixel, float32
 const ROOM = 1 << 23;    // maximum number of samples of a band
 const TILE = 16;         // width and height of an official tile in pixels
@@ -122,7 +122,7 @@ async function openDevice(needs) {
 // ---- the plan
 
 export class Dedicated {
-  // Prepares a model. `about` is scene.dedicated of the page. `read(name)` returns a promise of an array, and
+  // Prepares a model. `about` is the object scene.dedicated of the page. `read(name)` returns a promise of an array.
   // `onProgress(text)` is called with progress messages.
   static async open(about, canvas, read, onProgress) {
     const result = new Dedicated();
@@ -163,7 +163,7 @@ export class Dedicated {
     return result;
   }
 
-  // Compiles the plan of this number and uses it from the next frame on.
+  // Compiles the plan with this number; later frames use the plan.
   async use(number) {
     this.wanted = number;
     if (!this.compiled.has(number)) this.compiled.set(number, this.#checked(() => this.#compile(this.about.plans[number])));

@@ -40,7 +40,7 @@ const state = { view: null, fitted: true, target: new THREE.Vector3(), backgroun
 
 // ---- drawing
 
-const targets = new Map();  // pixel type -> render target
+const targets = new Map();  // the render target for each pixel type
 // Returns a render target of this pixel type (float or byte) and size. An earlier target of this type is reused or replaced.
 function target(type, width, height) {
   let result = targets.get(type);

@@ -17,7 +17,8 @@ static float in_range(float ndc)
     return isfinite(ndc) ? clamp(ndc, -1.0f, 1.0f) : ndc > 0.0f ? 1.0f : -1.0f;
 }
 
-// First and last pixel along an axis of `size` pixels; an empty range has the first greater than the last.
+// First and last pixel along an axis of `size` pixels. In an empty range, the first pixel is greater than the
+// last.
 static int2 pixel_range(float a, float b, float c, uint size)
 {
     float low = min(min(a, b), c), high = max(max(a, b), c);

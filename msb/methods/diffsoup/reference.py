@@ -54,7 +54,7 @@ def render(
     dtype: type[Any],
     modes: Modes,
 ) -> ReferenceFrame:
-    """Return the frame of `asset` from `camera`, as described at `render_reference`.
+    """Return the frame of `asset` from `camera`; see `render_reference`.
 
     The image of a z-buffer does not depend on the order of faces. Engine sampling differs only for faces
     that reach behind the camera, because hardware clips such faces. Pixels without a face show
@@ -68,7 +68,7 @@ def render(
     columns, rows = ndc_centers(camera.width, dtype), ndc_centers(camera.height, dtype)
     seen = rasterize(clip[indices], opacity, level, columns, rows, clips=modes.engine)
 
-    # Interpolate the features at the n pixels with a face, and decode them with the encoded view directions.
+    # Interpolate the features of the n covered pixels, and decode them with the encoded view directions.
     hit = seen.face >= 0
     b0, b1, face = seen.b0[hit], seen.b1[hit], seen.face[hit]
     row, column = np.nonzero(hit)
@@ -171,8 +171,8 @@ def rasterize(
     """Return the z-buffer of triangles with clip coordinates (F, 3 corners, 4).
 
     The face with the nearest NDC depth is visible. At equal depths, the face with the lowest number is
-    visible. Depths are compared as float32(depth + 2), like the official key. Therefore nearly equal depths
-    also count as equal in float64.
+    visible. Depths are compared as float32(depth + 2), like the official key. Nearly equal depths are
+    therefore equal, even in float64.
     """
     shape, dtype = (len(rows), len(columns)), corners.dtype
     seen = ZBuffer(
@@ -186,7 +186,7 @@ def rasterize(
     dropped, boxes = pixel_boxes(corners, len(columns), len(rows), clips=clips)
     in_rows = seen.key, seen.face, seen.b0, seen.b1, seen.ndc_depth, seen.camera_depth
     nearest_key, *planes = (array.reshape(-1) for array in in_rows)
-    # Test n candidate pixels of several faces at once, and keep the n fragments that are valid.
+    # Test the candidate pixels of several faces at once, and keep the valid fragments.
     for face, column, row in box_pixels(np.flatnonzero(~dropped), boxes):
         b0, b1, ndc_depth, w, valid = fragments(corners[face].transpose(1, 2, 0), columns[column], rows[row])
         seen.fragments += int(valid.sum())
@@ -235,9 +235,8 @@ def pixel_boxes(
     """Return which of F triangles are dropped, and the boxes of the others.
 
     A box (F, 4) holds the first and last column, and the first and last row. A triangle with a corner at or
-    behind the camera plane is dropped. With `clips`, the part of such a triangle in front of the plane is
-    kept. With `clips`, the box of such a triangle is the whole image, and the test of the NDC depth
-    discards the part behind the plane.
+    behind the camera plane is dropped. With `clips`, such a triangle is kept, and its box is the whole image.
+    The test of the NDC depth removes the part behind the plane.
     """
     w = corners[..., 3]
     behind = ~(w > 0)
@@ -260,14 +259,15 @@ def pixel_boxes(
 
 
 def fragments(corners: Reals, u: Reals, v: Reals) -> tuple[Reals, Reals, Reals, Reals, NDArray[np.bool_]]:
-    """Return where pixel rays at NDC u, v (n,) meet triangles (3 corners, 4, n), as arrays (n,).
+    """Return the points where n pixel rays meet the planes of triangles, as arrays (n,). `u` and `v` (n,) are
+    the NDC coordinates of the pixels, and `corners` is (3 corners, 4, n).
 
 
     Returns
     -------
     b0, b1 : barycentric coordinates of corners 0 and 1, linear in world space
-    ndc_depth, w : z / w, and clip w, which is the camera's z valid : whether the point is inside the
-    triangle (edges included), and NDC depth within -1 to 1
+    ndc_depth, w : z / w, and clip w, which is the camera's z
+    valid : whether the point is inside the triangle (edges included), and the NDC depth is from -1 to 1
     """
     (x0, y0, z0, w0), (x1, y1, z1, w1), (x2, y2, z2, w2) = corners
     # Homogeneous edge functions: subtract the pixel from the corners, then compute signed areas.
@@ -290,7 +290,8 @@ def fragments(corners: Reals, u: Reals, v: Reals) -> tuple[Reals, Reals, Reals, 
 def interpolate(lattice: Reals, faces: NDArray[Any] | int, level: int, b0: Reals, b1: Reals) -> Reals:
     """Return lattices (F, S, C) of `faces` at barycentric coordinates (n,), interpolated between three nodes.
 
-    Node (x, y), at b0 = x / 2^level and b1 = y / 2^level, is sample s(s + 1)/2 + y with s = x + y.
+    Lattice node (x, y) has b0 = x / 2^level and b1 = y / 2^level. It is sample s(s + 1)/2 + y, where s = x +
+    y.
     """
     side = 2**level
     u, v = b0 * side, b1 * side

@@ -115,7 +115,8 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     real with_x = dot3(vp, ahead), with_y = dot3(vq, ahead);
     f->rise[0] = (yy * with_x - xy * with_y) * inverse;
     f->rise[1] = (xx * with_y - xy * with_x) * inverse;
-    real level = log2_fast(greater(255.0f * opacity, (real)1e-30f)); // negative if alpha never reaches 1/255
+    // negative if alpha is always below 1/255
+    real level = log2_fast(greater(255.0f * opacity, (real)1e-30f));
     f->limit = -level - 1e-4f;
 
     __constant float *full = view->full;

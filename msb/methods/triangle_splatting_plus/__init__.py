@@ -1,5 +1,5 @@
-"""Triangle Splatting+: the predecessor of MeshSplatting. The file layout and the image formation of
-Triangle Splatting+ nearly equal those of MeshSplatting."""
+"""Triangle Splatting+ is the predecessor of MeshSplatting. Its file layout and image formation are nearly
+those of MeshSplatting."""
 
 from dataclasses import replace
 

@@ -194,7 +194,8 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     kept &= (official->x1 > official->x0) & (official->y1 > official->y0);
     f->x0 = box.x0;
     f->y0 = box.y0;
-    f->x1 = f->limit < 0.0f ? (mask)-1 : box.x1; // kept like in the official code, but not visible anywhere
+    // the official code keeps such faces, but they are visible nowhere
+    f->x1 = f->limit < 0.0f ? (mask)-1 : box.x1;
     f->y1 = box.y1;
     return kept;
 }

@@ -198,7 +198,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     var result = project_shape(positions_of(corners_of(number)), limit, face);
     result.kept = result.kept && result.tiles.z > result.tiles.x && result.tiles.w > result.tiles.y;
     if (limit < 0.0) {
-        result.samples.z = -1; // kept like in the official code, but not visible anywhere
+        result.samples.z = -1; // the official code keeps such faces, but they are visible nowhere
     }
 #if PLANAR
     (*face).dual2.w = coverage[COVERAGE * number];

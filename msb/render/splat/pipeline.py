@@ -84,8 +84,8 @@ class SplattingPipeline(OnDevice):
     order : {"tile", "global", "none"}
         "tile" is the official order. "global" sorts by depth, and draws a primitive wherever it extends,
         not only in its official tiles. "none" draws in the stored order, like an engine without sorting.
-        sampling : {"official", "engine"} "engine" generates fragments like graphics hardware; see
-        docs/dedicated.md.
+    sampling : {"official", "engine"}
+        "engine" generates fragments like graphics hardware; see docs/dedicated.md.
     early_stop, exact_tiles : bool
         Whether blending stops when a pixel cannot change any more, and whether only those official tiles
         list a face that the face reaches. Neither option changes a pixel. The benchmark measures the time
