@@ -115,8 +115,9 @@ def diffsoup_projection(
     layout : {"colmap", "synthetic"}
         "colmap": NDC y grows downwards, and the vertical principal point has the official sign, which is the
         opposite of the correct one. "synthetic": NDC y grows upwards. The official code assumes a principal
-        point in the middle; this function uses the camera's principal point. near, far : float Camera
-        depths in scene units that become NDC -1 and 1.
+        point in the middle; this function uses the camera's principal point.
+    near, far : float
+        Camera depths in scene units that become NDC -1 and 1.
 
     Notes
     -----
