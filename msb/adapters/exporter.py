@@ -120,12 +120,13 @@ def read_model(
     check_values: bool = True,
     reject: Literal["nothing", "coordinates", "everything"] = "nothing",
 ) -> Model:
-    """Return the trained model at `path`, or at a place returned by `locate`. Errors are those of `export`.
+    """Return the trained model at `path`, or at a place returned by `locate`. The function raises the errors
+    of `export`.
 
     `settings` can also be a sequence of texts such as "gamma=20". Faces with a NaN or infinite value are
-    left out with a warning. If all faces have such a value, this is an error. `reject` names the values for
-    which a non-finite number is an error instead of a warning: coordinates, or all values. Without
-    `check_values`, faces with non-finite values are kept, so that an audit can count them.
+    left out with a warning; if no face remains, the function raises an error. `reject` chooses the values
+    that must be finite: coordinates, or all values. A non-finite value then raises an error instead of a
+    warning. Without `check_values`, faces with non-finite values are kept, so that an audit can count them.
     """
     if method is not None and method not in tuple(METHODS):
         text = f'the method "{shorten(str(method), 40)}" is unknown; use one of {", ".join(METHODS)}'
@@ -155,8 +156,8 @@ def read_model(
 def _without_bad_faces(model: Model, reject: str) -> Model:
     """Return `model` without the faces whose values are not finite, with a warning about these faces.
 
-    Raise CHECKPOINT_NONFINITE if `reject` forbids the value, or if the value belongs to all faces.
-    `build_asset` reports invalid coordinates of mesh files.
+    Raise CHECKPOINT_NONFINITE if `reject` forbids the values, or if no face remains. `build_asset` reports
+    invalid coordinates of mesh files.
     """
     is_mesh = model.description.method == "mesh"
     code, file = "MESH_NONFINITE" if is_mesh else "CHECKPOINT_NONFINITE", model.files[0]
@@ -166,7 +167,7 @@ def _without_bad_faces(model: Model, reject: str) -> Model:
             raise CheckpointError("CHECKPOINT_NONFINITE", text, file=file, pointer=name)
     check_indices(model.buffers["indices"], len(model.buffers["positions"]), file)
     bad, names = find_bad_faces(model.buffers, model.domains)
-    # An unused vertex with such a value is also rejected or dropped.
+    # Unused vertices with non-finite positions are handled in the same way.
     is_odd = find_bad_rows(model.buffers["positions"]) is not None
     if not (len(bad) and (bad.any() or is_odd)) or reject == "everything":
         return model
@@ -216,8 +217,8 @@ def _detect(content: Content) -> str:
 
 
 def _describe_nearest(value: object, adapters_by_name: Mapping[str, Adapter]) -> str:
-    """Return text about the most similar method and the keys that `value` lacks, or "" if no method is
-    similar."""
+    """Return text about the most similar method and the keys that `value` lacks. If no method is similar,
+    return ""."""
     parts = [value] if isinstance(value, dict) else value if isinstance(value, tuple) else []
     keys = {str(key) for part in parts[:1] if isinstance(part, dict) for key in part}
     keys_of = {name: set(getattr(adapter, "KEYS", ())) for name, adapter in adapters_by_name.items()}

@@ -35,15 +35,15 @@ FUSED = ("fuse_post.ply", "fuse_unbounded_post.ply", "fuse.ply", "fuse_unbounded
 class Place:
     """The place of a model: its file, and the output folder of its training."""
 
-    # The file of the model, or the main file of several.
+    # The file of the model. A model of several files has a main file.
     file: Path
     # The output folder, which is searched for configs and logs.
     root: Path
-    # The kind of the file. The kind "bundle" has more files in the same folder. A file of kind "other" can
-    # be read only by the adapter of its method.
+    # The kind of the file. A model of kind "bundle" has more files in the same folder. A file of kind "other"
+    # is read by the adapter of its method only.
     kind: Kind
-    # The path that the user gave: the file, its folder, or a folder above. If exactly one subfolder of the
-    # given folder is a checkpoint, this path is that subfolder.
+    # The path from the user: the file, its folder, or a higher folder. If the user gave a folder with a
+    # single checkpoint subfolder, this path is the subfolder.
     given: Path
 
     @property
@@ -251,7 +251,8 @@ def _list_names(folder: Path) -> list[str]:
 
 
 def is_mesh_file(path: Path) -> bool:
-    """Return whether `path` is treated as a mesh file; this holds for all files except assets and models."""
+    """Return whether msb reads `path` as a mesh file. This is so unless `path` is an asset or a trained
+    model."""
     return not (is_asset(path) or is_folder(path) or is_checkpoint(path) or _is_primitive_table(path))
 
 

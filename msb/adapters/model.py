@@ -25,8 +25,8 @@ from msb.registry import METHODS, SettingSource
 class Options:
     """Arguments of the caller, in addition to the path: settings by name, and the training's config file.
 
-    Without `check_values`, parameters can be NaN. An audit counts faces with such values, and other
-    commands leave them out.
+    Without `check_values`, parameters can be NaN. An audit counts the faces with NaN; other commands remove
+    these faces.
     """
 
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -93,8 +93,8 @@ class Settings:
     def add(
         self, name: str, value: Any, source: SettingSource, file: Path | None = None, key: str | None = None
     ) -> None:
-        """Set `name` to `value`, unless the user sets `name`. The file `file` stored the value under
-        `key`."""
+        """Set `name` to `value`, unless the user sets `name`. `file` is the file with the stored value, and
+        `key` is its key there."""
         if name in self._flags:
             return
         if not isinstance(value, bool | int | float | str | None):

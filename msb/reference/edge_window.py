@@ -32,8 +32,8 @@ NEAREST = 0.2
 # Faces are dropped if the cosine between their normal and the view direction has a magnitude below this
 # threshold.
 GRAZING = 0.001
-# Smallest divisor when a vector is normalised, in scene units. For cross products of edges, the divisor is in
-# square scene units.
+# Smallest divisor when a vector is normalised, in scene units. The divisor has square scene units for cross
+# products of edges.
 MIN_LENGTH = 1e-4
 # Faces with a lower opacity are dropped.
 MIN_OPACITY = 0.01

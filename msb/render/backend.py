@@ -30,7 +30,7 @@ BUILT_IN = {
 }
 # Renderer tiers whose built-in renderer needs an OpenCL device.
 ON_OPENCL = ("standard", "dedicated")
-# For the name of another engine, the renderer that uses this engine.
+# The renderer class of each other engine.
 ENGINES = {
     "wgpu": "msb.engines.webgpu:WgpuRenderer",
     "threejs": "msb.engines.threejs:ThreeJsRenderer",
@@ -42,9 +42,9 @@ ENGINES = {
 # frame.
 Group = Literal["geometry", "appearance", "scratch", "targets"]
 
-# A renderer may reorganise its data until it draws the frame with this number. The memory of later frames
-# depends on the cameras only, not on the number of frames. Benchmarks measure frame times from this frame
-# on.
+# A renderer may reorganise its data before it draws the frame with this number. From this frame on, the
+# memory of a frame depends on its camera, not on the number of earlier frames. Benchmarks measure frame times
+# from this frame.
 SETTLED_AT = 3
 
 
@@ -240,7 +240,8 @@ _ELSEWHERE = {
 def minimal_options(tier: str, renderer: str | None, *, ids: bool = False) -> dict[str, Any]:
     """Return options that limit the built-in renderer of `tier` to the needed outputs.
 
-    Commands that write only colours need no normals and no median depths; `ids` adds the face ids.
+    A command that writes only colours needs no normals and no median depths. Pass `ids` to include the face
+    ids.
     """
     if tier != "dedicated" or renderer is not None:
         return {}

@@ -44,8 +44,8 @@ class DeviceScope:
         self._closed = False
 
     def turn(self) -> AbstractContextManager[None]:
-        """Return a context manager with exclusive access to the device; a thread may nest such context
-        managers."""
+        """Return a context manager that gives exclusive access to the device. The context managers of one
+        thread may be nested."""
         if self._closed:
             raise DeviceError("DEVICE_CLOSED", f"the renderer was closed (on {self.device.record})")
         return self.device.using(self._memory)

@@ -1,11 +1,11 @@
 """Read the archives that `torch.save` writes since torch 1.6.
 
-All members of the archive are in one folder, which has the name of the file or ``archive``. The needed
-members are ``data.pkl``, ``data/0``, ``data/1`` ... (one per storage), ``version`` and, in newer files,
-``byteorder``. The other members (``.format_version``, ``.storage_alignment``, ``.data/serialization_id``)
-are not needed. As in a packed `.triasset`, padding in the extra field of local headers aligns the data to
-64 bytes. Unlike in a `.triasset`, sizes and checksum also follow the data (bit 3 of the flags), and a ZIP64
-end record always exists.
+All members of the archive are in one folder, which has the name of the file or ``archive``. The reader needs
+the members ``data.pkl``, ``version`` and one member ``data/N`` per storage. In newer files it also needs
+``byteorder``. The reader ignores other members (``.format_version``, ``.storage_alignment``,
+``.data/serialization_id``). As in a packed `.triasset`, padding in the extra field of local headers aligns
+the data to 64 bytes. Unlike in a `.triasset`, a second copy of sizes and checksum follows the data (bit 3 of
+the flags), and a ZIP64 end record always exists.
 
 Sources: pytorch/pytorch `torch/serialization.py`, `caffe2/serialize/versions.h`,
 `caffe2/serialize/inline_container.cc`.
@@ -94,7 +94,8 @@ def read_archive(view: memoryview) -> Any:
 
 
 def _root(members: dict[str, Member]) -> str:
-    """Return the folder of data.pkl, with a slash at the end. The archive must have a single such folder."""
+    """Return the folder of data.pkl, with a slash at the end. The archive must have exactly one such
+    folder."""
     roots = [name[: -len(_PICKLE)] for name in members if name == _PICKLE or name.endswith("/" + _PICKLE)]
     for name in filter(_is_script, members):
         _refuse_script(name)

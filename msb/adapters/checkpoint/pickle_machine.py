@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 # training step adds 10,000. An instruction can need some hundred bytes (an empty dict, a tensor), so this
 # limit also bounds the memory to some hundred MiB.
 MAX_OPCODES = 1_000_000
-# Maximum number of memo entries: half of MAX_OPCODES, because each entry needs two instructions, which
-# create and store its value.
+# Maximum number of memo entries. This is half of MAX_OPCODES, because an entry takes two instructions: one
+# creates the value, one stores it.
 MAX_MEMO = 500_000
-# Maximum size of an integer in bytes. Sizes and seeds are shorter; the magic number of torch has 10 bytes.
+# Maximum size of an integer in bytes. Sizes and seeds take fewer bytes; the magic number of torch takes 10.
 MAX_INTEGER_BYTES = 16
 # Maximum length of a line of the instruction GLOBAL, in bytes.
 MAX_NAME = 200
@@ -47,10 +47,10 @@ class _Machine:
         self.protocol = 0
         self.frame_end: int | None = None
         self.stack: list[Any] = []
-        # For each open mark, the part of the stack below the mark.
+        # The part of the stack below each open mark.
         self.below: list[list[Any]] = []
         self.memo: dict[int, Any] = {}
-        # The dictionaries that were OrderedDicts in the file, by id. Only such dictionaries can have
+        # The dictionaries, by id, that the file declares as OrderedDict. Only these dictionaries can have
         # attributes.
         self.ordered: dict[int, dict[Any, Any]] = {}
 
@@ -237,7 +237,7 @@ class _Machine:
     def build(self) -> None:
         """Ignore the attributes of an OrderedDict (`_metadata`) and the default state of a NumPy type.
 
-        Any other attribute state is an error.
+        Reject other attribute states.
         """
         state, target = self.pop(), self.top()
         if id(target) in self.ordered:
@@ -323,7 +323,7 @@ def run_pickle(
     """Run the pickle at the beginning of `data`; return the pickle's value and end.
 
     Without `storages`, all tensors in the value are empty. `where` and `origin` are for error messages.
-    They are the name of the member, such as "data.pkl ", and the position of `data` in the file.
+    They give the name of the archive member, such as "data.pkl ", and the position of `data` in the file.
     """
     machine = _Machine(data, DeclaredStorages() if storages is None else storages)
     try:

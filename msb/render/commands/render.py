@@ -225,7 +225,7 @@ def _make_cameras(asset: Asset, options: RenderOptions, views: ViewOptions, outp
 
 
 def _note_training(asset: Asset, scene: Scene, path: Path, output: Output) -> None:
-    """Print how the training differed from the scene, without repeating warnings of the asset."""
+    """Print the differences between the training and the scene, except those in the warnings of the asset."""
     from msb.scenes.datasets import compare_training, stated_background
 
     reported = {warning.message for warning in asset.warnings}
@@ -279,7 +279,7 @@ class _Images:
             {"camera": camera, "tier": tier, "index": f"{index:05d}"}
             for index, camera in enumerate(image_names(views))
         ]
-        # Parts at odd positions were names in braces; parts at even positions are the text between names.
+        # `parts` alternates between literal text (even positions) and names from braces (odd positions).
         return ["".join(row[part] if i % 2 else part for i, part in enumerate(parts)) for row in values]
 
     def place(self, name: str, kind: str) -> Path:

@@ -26,10 +26,10 @@ SETTLED = 1024
 class Projected(NamedTuple):
     """The buffers that the kernel `project` writes for F faces.
 
-    Each face that at least one tile lists has a position in `faces` (the record for blending), `keys` (its
-    depth) and `tiles` (its rectangle of tiles). The positions of a work-item begin at the row of its first
-    face. `listed` counts the listed faces of each work-item. `visible` marks the rows whose faces pass the
-    official culling.
+    A face is listed if its tile rectangle is not empty. A listed face has a position in three arrays: `faces`
+    (the record for blending), `keys` (its depth) and `tiles` (its tile rectangle). The positions of a
+    work-item begin at the row of its first face. `listed` counts the listed faces of each work-item.
+    `visible` marks the rows whose faces pass the official culling.
     """
 
     faces: Buffer
@@ -56,8 +56,8 @@ class DepthSort:
     """Sorts the positions of listed faces into blending order: by depth, and by face number at equal depth.
 
     The official sort is stable, so faces of equal depth keep the order of their numbers. With order "none"
-    faces are sorted by number only. `by_rows` tells whether the rows on the device are in the order of the
-    face numbers (as stored) or in the order of `msb.render.splat.order`.
+    faces are sorted by number only. `by_rows` tells whether the rows on the device are ordered by face
+    number, or sorted by `msb.render.splat.order`.
     """
 
     def __init__(self, device: Device, program: Program, order: Order) -> None:
@@ -115,7 +115,7 @@ def bin_faces(
     items = projected.listed.size
     with device.stage("sort"):
         before = device.scratch("splat listed before", items + 1, np.uint32)
-        # A work-item's slots in the compacted arrays begin after the faces that earlier work-items listed.
+        # The scan gives the first slot of each work-item in the compacted arrays.
         exclusive_scan(device, projected.listed, before)
         listed = int(before.read(start=items)[0])
         keys = device.scratch("splat depth keys", listed, np.uint32)
@@ -143,8 +143,7 @@ def _count_and_fill(
     starts = device.scratch("splat tile starts", tiles + 1, np.uint64)
     sizes = np.uint32(listed), np.uint32(chunk), np.uint32(columns), np.uint32(tiles)
     ordered = device.scratch("splat ordered tiles", (max(listed, 1), 4), np.uint16)
-    # Count the entries of each chunk in each tile. Sums over chunks and tiles give the start of the list of
-    # each tile.
+    # Count the entries of each chunk in each tile. The sums of these counts give the start of each tile's list.
     program.count_tiles(chunks, 1, order, projected.tiles, ordered, counts, *sizes)
     program.sum_tiles(tiles, WORK_GROUP, counts, totals, np.uint32(chunks), np.uint32(tiles))
     exclusive_scan(device, totals, starts, tiles)

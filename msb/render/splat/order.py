@@ -78,8 +78,8 @@ def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays
 
     In a triangle soup all per-face arrays are permuted together. In an indexed mesh the index rows are
     permuted, and the vertex arrays are sorted along the same curve. The kept model becomes a copy in
-    memory, even if its arrays were mapped files. If the memory is too small for a copy, or within
-    `few_frames`, the model is left unchanged and the result is False.
+    memory, even if its arrays were mapped files. The function returns False, and changes nothing, within
+    `few_frames` or if memory is too small for a copy.
     """
     if _few.get():
         return False

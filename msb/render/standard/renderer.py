@@ -33,9 +33,8 @@ _COARSE = 64
 _GROUP_SIZE = 64
 # Floats of a camera record in zbuffer_math.cl.
 VIEW_WORDS = 51
-# Work-groups draw the triangles that are too large for one work-item. The three numbers are the minimum
-# number of work-groups, their number per compute unit, and the number of work-groups that share one huge
-# triangle.
+# Work-groups draw the triangles that are too large for one work-item. The numbers are the minimum number of
+# work-groups, the work-groups per compute unit, and the work-groups that share a huge triangle.
 _GROUPS, _GROUPS_A_UNIT, _ROWS = 256, 32, 16
 
 
@@ -138,8 +137,8 @@ class StandardRenderer(OnDevice):
     ) -> dict[str, Buffer]:
         """Queue all commands of a frame; return a buffer for each field of `Frame`.
 
-        `view` is the camera record if it is already on the device; passing it avoids a wait for queued
-        commands. Without `everything` only the image is computed.
+        Pass the camera record as `view` if it is already on the device, to avoid a wait for queued commands.
+        If `everything` is false, only the image is computed.
         """
         scale = self._supersample
         width, height = camera.width * scale, camera.height * scale
@@ -258,7 +257,8 @@ def view_record(camera: Camera) -> NDArray[np.float32]:
     remainder is rotated here; the kernels add it afterwards.
     """
     rotation = camera.world_to_camera[:3, :3]
-    inverse = camera.camera_to_world[:3, :3]  # not the transpose: rotations are orthonormal only to 1e-4
+    # the transpose would be inexact, because rotations are orthonormal only to 1e-4
+    inverse = camera.camera_to_world[:3, :3]
     rounded = camera.center.astype(np.float32).astype(np.float64)
     rest = camera.center - rounded
     scale = np.array([camera.fx * _UNITS, camera.fy * _UNITS])
@@ -267,8 +267,8 @@ def view_record(camera: Camera) -> NDArray[np.float32]:
     ray = inverse.T / np.array([camera.fx, camera.fy, 1.0])[:, None]
     principal = np.array([camera.cx, camera.cy])
     with np.errstate(over="ignore"):
-        # Compute the remainders of the float32 values, for the kernels' computations in double precision.
+        # Compute the rounding errors of the float32 values, which the kernels need in double precision.
         low, ray_low = (part - part.astype(np.float32) for part in (rows, ray))
     parts = (rows, rounded, -rows @ rest, principal * _UNITS + 0.5, scale, rest, ray, principal, low, ray_low)
-    with np.errstate(over="ignore"):  # infinite for a camera 1e39 units away, which shows nothing
+    with np.errstate(over="ignore"):  # values overflow for cameras 1e39 units away, which show nothing
         return np.concatenate([part.reshape(-1) for part in parts]).astype(np.float32)
