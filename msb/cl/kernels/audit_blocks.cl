@@ -11,8 +11,8 @@ void sort_block(__global const Record *restrict records, uint count, uint first,
         starts[records[i].x - first]++;
     for (uint i = 0, sum = 0; i <= vertices; i++)
         starts[i] = sum += starts[i];
-    // Initially starts[i] is the end of the records of vertex i; it moves down to their start. Reading from
-    // the last record to the first preserves the order of the records.
+    // At first, starts[i] is the end of the records of vertex i. The sort then moves starts[i] down to their
+    // start. Reading from the last record to the first preserves the order of the records.
     for (uint i = count; i-- > 0;)
         sorted[--starts[records[i].x - first]] = records[i];
 }

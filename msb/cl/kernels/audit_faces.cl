@@ -3,7 +3,7 @@
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 
 #ifdef __clang__
-#define SQUARE_ROOT(x) __builtin_sqrt(x) // a single instruction here; PoCL would emit a function call
+#define SQUARE_ROOT(x) __builtin_sqrt(x) // compiles to one instruction; PoCL's function would be a call
 #else
 #define SQUARE_ROOT(x) sqrt(x)
 #endif
@@ -20,8 +20,8 @@ double face_area(__global const COORDINATE *p, __global const COORDINATE *q, __g
 }
 
 // Meshes have few large components, and usually a single very large component. Each work-item counts in a
-// private table. Only when another component needs the slot of a count, the count is added to the shared
-// `sizes`.
+// private table. When another component needs the same slot of the table, the old count is added to the
+// shared `sizes`.
 #define TABLE 64
 
 #define SOON 12 // number of faces to prefetch ahead, so that their vertices and components are already cached

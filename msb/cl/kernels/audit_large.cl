@@ -33,8 +33,8 @@ __global ulong *sort_upper(__global ulong *words, __global ulong *other, uint co
 #define UPPER(word) ((uint)((word) >> 32))
 #define WORD(upper, lower) ((ulong)(upper) << 32 | (lower))
 
-// Count duplicate faces whose lowest vertex is v, including faces with a repeated vertex. Duplicates have
-// equal pairs of other vertices.
+// Count duplicate faces whose lowest vertex is v, including faces with a repeated vertex. Two faces are
+// duplicates if their two other vertices are the same.
 void count_duplicates(__global const Record *records, uint count, Visit *visit, uint v, uint vertices)
 {
     __global ulong *words = visit->scratch, *other = words + count;
@@ -102,14 +102,14 @@ void visit_large(__global Record *records, uint count, Visit *visit, uint v, uin
     __global Tally *t = visit->tally;
     __global ulong *words = visit->scratch, *other = words + 2 * (size_t)count;
     for (uint i = 0; i < count; i++) {
-        // Each side has one word: the neighbour in the upper half, the number of the side in the lower half.
+        // Each side is one word: the neighbour in the upper half, the number of the side in the lower half.
         words[2 * (size_t)i] = WORD(records[i].y, 2 * i);
         words[2 * (size_t)i + 1] = WORD(records[i].z, 2 * i + BY_Z);
         records[i].x = i;
     }
     words = sort_upper(words, other, 2 * count, vertices);
-    // This array holds the opposite side of each side; it lies in the half of the scratch memory without
-    // the words.
+    // For each side, this array holds the opposite side. It uses the half of the scratch memory that the
+    // words leave free.
     __global uint *across = (__global uint *)(words == other ? visit->scratch : other);
     uint valence = 0, most = 0, groups = count;
     // Each run of equal neighbours is an edge with n faces.

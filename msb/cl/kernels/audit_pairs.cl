@@ -1,8 +1,9 @@
-// Pairs of faces that the visit of a vertex found, and their union into components of a graph of faces.
+// Pairs of faces that were found at the vertices. Uniting the pairs gives the connected components of all
+// faces.
 
-// There are three kinds of pairs. First: the two faces of an edge. Second: the first face and each further
-// face of an edge with more than two faces. Third: two faces with boundary edges that follow each other
-// around a vertex.
+// There are three kinds of pairs. The first kind is the two faces of an edge. The second kind is the first
+// face and each further face of an edge with more than two faces. The third kind is two faces whose boundary
+// edges follow each other around a vertex.
 #define TWO_FACE 0
 #define CROWDED 1
 #define RIM 2

@@ -6,7 +6,7 @@
 typedef uint8 __attribute__((aligned(4))) loose_uint8;
 #define LANES(words) (*(loose_uint8 *)(words))
 
-// A face at the vertex has two sides, y and z. They are the edges from the vertex to the two other
+// A face at the vertex has two sides, y and z. The sides are the edges from the vertex to the two other
 // vertices, in the order of the face.
 typedef struct {
     uint neighbour[2 * MOST]; // ordered by side: first all y, then all z; unused lanes hold NOBODY
@@ -29,11 +29,11 @@ uint sum_lanes(uint8 v)
 #define REST(bits) ((bits) & ((bits) - 1)) // all set bits except the lowest
 
 // Sums over the sides of a vertex, separately for each lane. `counts` packs five numbers, with enough bits
-// for 64 sides. Two count the edges, and the edges to higher vertices. Among the edges to higher vertices,
-// three count boundary edges, two-face edges with flipped winding, and edges with more than two faces.
-// `rim` marks the sides that are boundary edges. `paired` marks the sides that share a higher neighbour
-// with an earlier side. `crowd` is non-zero at an edge with more than two faces. `twins` marks the faces
-// that share both neighbours with another face.
+// for 64 sides. Two of the numbers count all edges, and the edges to higher vertices. The three other numbers
+// only count edges to higher vertices: boundary edges, two-face edges with flipped winding, and edges with
+// more than two faces. `rim` marks the sides that are boundary edges. `paired` marks the sides that share a
+// higher neighbour with an earlier side. `crowd` is non-zero at an edge with more than two faces. `twins`
+// marks the faces that share both neighbours with another face.
 typedef struct {
     uint8 counts, rim[2], paired[2], crowd, twins;
 } Sides;
@@ -83,8 +83,8 @@ void compare_sides(Star *s, Sides *sums, uint v)
     }
 }
 
-// List the edges of a kind from v to higher vertices; `number` edges of this kind are already listed. Each
-// listed edge requires a search, but only few vertices have listed edges.
+// List the edges of a kind from v to higher vertices; `number` edges of this kind are already listed. Listing
+// takes a search per edge, but few vertices have edges to list.
 void list_small(const Star *s, const Visit *visit, int kind, ulong number, uint v)
 {
     uint last = v;
@@ -108,7 +108,7 @@ void list_small(const Star *s, const Visit *visit, int kind, ulong number, uint 
 }
 
 // Face i has a boundary edge here; follow its fan of faces to the fan's other end. Return the face at the
-// other end if its side is a boundary edge too, otherwise NOBODY. `rim_y` and `rim_z` mark the faces whose
+// other end if its side is also a boundary edge, otherwise NOBODY. `rim_y` and `rim_z` mark the faces whose
 // side y or z is a boundary edge.
 uint other_end(const Star *s, uint i, uint rim_y, uint rim_z)
 {
@@ -157,8 +157,8 @@ uint most_sharing(const Star *s)
     return most;
 }
 
-// Pair the first face with each other face that shares a neighbour with it. To avoid a branch, the pair is
-// written to the lists of both kinds, and only the position in the correct list advances.
+// Pair the first face with each other face that shares a neighbour with it. To avoid a branch, write the pair
+// to the lists of both kinds. Only the position in the correct list advances.
 void pair_faces(const Star *s, Visit *visit, uint paired_y, uint paired_z)
 {
     __global uint2 *pairs = visit->pairs;

@@ -3,7 +3,7 @@
 // The record of a corner: its vertex, the two other vertices in the order of the face, and the face. Faces
 // with a repeated index take part only in the search for duplicates and for shared vertices. Such a face
 // has a record at each of its distinct vertices. At the lowest vertex of such a face, y and z are the other
-// two vertices in ascending order. At its other vertex, the record is marked COPY.
+// two vertices in ascending order. At the other vertex of such a face, the record is marked COPY.
 typedef uint4 Record;
 #define IMPROPER 0x80000000u
 #define COPY 0x40000000u
@@ -21,9 +21,9 @@ typedef uint4 Record;
 #define LOWEST_BIT_OF_LONG(x) ((uint)(63 - clz((x) & -(x))))
 #endif
 
-// The host code msb/topology/kernel.py sets four sizes. For each kind, SAMPLES elements are listed. A table
-// counts vertices with fewer than VALENCES edges, and a list holds the valences of other vertices. MOST is
-// explained in audit_small.cl, and PAIRS in audit_pairs.cl.
+// The host code msb/topology/kernel.py sets four sizes. SAMPLES is the number of listed elements of each
+// kind. A table counts vertices with fewer than VALENCES edges, and a list holds the valences of other
+// vertices. MOST is explained in audit_small.cl, and PAIRS in audit_pairs.cl.
 
 #define NONMANIFOLD_EDGES 0 // kinds of listed edges
 #define BOUNDARY_EDGES 1
@@ -86,7 +86,7 @@ void list_edge(__global Tally *t, int kind, ulong number, uint block, ulong rank
     }
 }
 
-// Duplicates are found in the order of vertices, not of faces, so this list keeps the lowest faces, sorted.
+// Duplicates are found in the order of vertices, so a sorted list keeps the lowest faces.
 void count_duplicate(__global Tally *t, uint f)
 {
     ulong n = t->duplicate_faces++;

@@ -66,7 +66,8 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
 
         if (!moves)
             continue;
-        // Change of the error if the border to one of the four neighbours moves by a pixel.
+        // Change of the error if the border to a neighbouring pixel moves by one pixel, for each of four
+        // neighbours.
         float z = depth[pixel], along[2] = {0.0f, 0.0f};
         for (int side = 0; side < 4; side++) {
             int is_down = side >> 1, step = side & 1 ? 1 : -1, there = (is_down ? y : x) + step;
@@ -129,8 +130,8 @@ __kernel void remember(__global const float *image, __global const int *faces, _
     old_errors[start + i] = error_of(image, target, i);
 }
 
-// Add the change of each pixel's error to the proposed change that involves its old or new face. If two
-// proposals are involved, each gets half.
+// Each proposed change involves some faces. Add a pixel's change of the error to the proposal that involves
+// the old or new face of the pixel. If this applies to two proposals, each proposal gets half.
 __kernel void judge(__global const float *image, __global const int *faces, __global const ushort *target,
     __global const int *old_faces, __global const float *old_errors, __global const int *owner,
     __global whole *totals, float unit, uint start, uint row, uint count)

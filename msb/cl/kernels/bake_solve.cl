@@ -4,8 +4,7 @@
 // exact.
 
 // Tie neighbouring texels of a chart to each other, and tie a texel without neighbours to its current
-// value. Without these ties, a texel that no image shows would take any value that its average in a smaller
-// level requires.
+// value. Without these ties, texels that no image shows could take arbitrary values.
 __kernel void tie(__global const int *charts, float weight, int side, __global float8 *equations, uint count)
 {
     size_t i = get_global_id(0);
@@ -68,8 +67,8 @@ __kernel void turn(__global const float8 *equations, float4 again, __global floa
     direction[i] = before;
 }
 
-// A texel of a smaller level, `side` texels wide and starting at `start`, is the average of four texels of the
-// larger level.
+// The texels of a smaller level begin at `start`; a row has `side` texels. Each texel is the average of four
+// texels of the larger level.
 __kernel void halve(__global float4 *direction, uint before, uint start, int side, uint count)
 {
     size_t i = get_global_id(0);

@@ -58,9 +58,9 @@ __kernel void faces(__global const float *corners, __global const float *uvs, __
     ways[face] = ways_of_face;
 }
 
-// Each pixel has a sample in each of two neighbouring levels. The key of a sample is its first of four
-// texels, or `none`. `errors` is the difference to the training image; `starts` holds the number of the
-// first texel of each level.
+// Each pixel has a sample in each of two neighbouring levels. The key of a sample is the first of its four
+// texels, or `none`. `errors` is the difference to the training image; `starts` holds the number of the first
+// texel of each level.
 __kernel void samples(__global const float *corners, __global const float *uvs, __constant float *view,
     __global const Ways *ways, __global const int *faces, __global const float *image, __global const ushort *target,
     __global const int *starts, int side, int levels, int width, uint none, __global uint *keys,
@@ -157,7 +157,8 @@ __kernel void add(__global const uint *keys, __global const uint *places, __glob
     uint begin = (uint)(starts[level] + row * wide), end = first_of(keys, count, begin + wide);
     for (uint i = first_of(keys, count, begin); i < end; i++) {
         Sample s = samples[places[i]];
-        // factors of the first texel; other texels use these factors in other places, and 0 from s4 on
+        // factors of the first texel; for the other texels, swizzles rearrange these factors and fill in s4,
+        // which is 0
         float8 w = 0.0f;
         w.lo = (float4)(1.0f - s.x, s.x, 1.0f - s.x, s.x) * (float4)(1.0f - s.y, 1.0f - s.y, s.y, s.y);
         w.s567 = errors[places[i] / 2].xyz;

@@ -109,8 +109,8 @@ Box window_box(__constant View *view, const Window *w, real rim)
 }
 
 // Find the tiles of the contour o phi^sigma = 0.01: move each edge inwards, then intersect neighbouring
-// edges. Beyond this contour alpha falls to 1/255; that rim is visible only in tiles that the contour
-// touches.
+// edges. Beyond this contour, alpha falls to 1/255 at the rim. The rim is visible only in tiles that the
+// contour touches.
 Box contour_tiles(__constant View *view, const Window *w, real shrunk)
 {
     real offset[3], distance = (real)0.0f;
@@ -125,7 +125,8 @@ Box contour_tiles(__constant View *view, const Window *w, real shrunk)
         vec2 n = w->edge_normal[current], m = w->edge_normal[previous];
         real t = offset[current], s = offset[previous];
         real determinant = cross2(n, m);
-        // The official code inverts the test of the last pair, so NaN skips the intersection only there.
+        // The official code inverts the test of the last pair of edges, so a NaN skips only this
+        // intersection.
         mask use = magnitude(determinant) >= MIN_DETERMINANT;
         if (pair < 2)
             use = !(magnitude(determinant) < MIN_DETERMINANT);
@@ -215,8 +216,8 @@ mask reaches(FACE_POINTER f, float left, real y)
 #endif
 #endif
 
-// phi^sigma is computed as exp2(sigma log2 phi), and is 0 for phi = 0. The clamp keeps the fast exp2 in its
-// valid range; below this range coverage is under 1/255 anyway.
+// phi^sigma is computed as exp2(sigma log2 phi), and is 0 for phi = 0. The clamp keeps exp2 in its valid
+// range. Below this range, alpha is under 1/255.
 real window_power(real phi, float sigma)
 {
     real value = exp2_fast(greater(sigma * log2_fast(greater(phi, (real)1e-30f)), (real)-100.0f));

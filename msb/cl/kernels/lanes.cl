@@ -1,7 +1,7 @@
 // Operations on eight lanes for CPU kernels, which use only operators, ternaries and dereferenced vectors.
 //
 // The PoCL wheel does not inline OpenCL functions and passes vectors to them through memory. The reason is
-// that its library is built for another instruction set than the kernels. Therefore these kernels use only
+// that PoCL's library and the kernels use different instruction sets. Therefore these kernels use only
 // builtins of the compiler. 64-bit vectors have four lanes, because eight would take 512 bits
 // (docs/opencl.md).
 

@@ -20,9 +20,9 @@ __kernel void sum_tiles(__global const VALUE *values, __global SUM *sums, uint c
         sums[tile] = total;
 }
 
-// sums[tile] is the sum of a tile, or, if `scanned` is set, the sum of all preceding tiles. `offsets` may
-// share the memory of `values`. If there are few sums, each work-group adds the preceding sums, which saves
-// the launches of another scan.
+// sums[tile] is the sum of a tile. If `scanned` is set, sums[tile] is the sum of all preceding tiles.
+// `offsets` may share the memory of `values`. If there are few sums, each work-group adds the preceding sums,
+// so no other scan is launched.
 __kernel void scan_tiles(__global const VALUE *values, __global const SUM *sums, __global SUM *offsets,
                          uint count, uint scanned)
 {

@@ -3,7 +3,7 @@
 // stopped.
 
 #if SHARES
-#define BATCH 16 // this many face weights at all samples fit into local memory
+#define BATCH 16 // number of faces whose weights at all samples fit into local memory
 #else
 #define BATCH 64
 #endif

@@ -1,9 +1,10 @@
 // Find faces that are certainly culled and invisible in a view, using their bounding spheres. This test
-// reads fewer bytes than projecting a face, and takes a tenth of the arithmetic. Margins for rounding
-// errors ensure that a face kept by the official tests is never dropped.
+// reads fewer bytes than projecting a face, and takes a tenth of the arithmetic. Margins for rounding errors
+// ensure that every face that passes the official tests is kept.
 //
-// bounds: four rows of `stride` words: x, y and z of the centroid, then one word with the largest distance of a
-// corner from it and the inradius, both rounded up to the upper half of a float.
+// `bounds` has four rows of `stride` words: x, y and z of the centroid, and one word with two halves. The
+// halves are the largest distance of a corner from the centroid, and the inradius. Both are rounded up to the
+// upper half of a float.
 
 #if LANES == 8
 #define HERE(p) (*(__global loose_float8 *)(p)) // values of consecutive faces
@@ -46,8 +47,8 @@ __kernel void bound_faces(__global const float *positions, __global const uint *
 }
 
 #if LANES == 8
-// Spheres around groups of FACE_GROUP consecutive faces, in the layout of `bounds`; their inradius is the
-// largest inradius of a face.
+// Spheres around groups of FACE_GROUP consecutive faces, in the layout of `bounds`. The inradius of a group
+// is the largest inradius of its faces.
 __kernel void bound_groups(__global const float *bounds, __global float *groups, uint stride,
                            uint group_stride, uint count)
 {

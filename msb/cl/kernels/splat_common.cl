@@ -1,8 +1,9 @@
 // Code shared by the splatting kernels of all methods: the view, vectors in the official order of
-// operations, and lanes. With lanes, the coverage of a method is written once for both styles of kernels.
+// operations, and lanes. Code with lanes serves both kernel styles, so a method needs only one coverage
+// function.
 //
 // Only MAD is fused, because depth keys, culling tests, tile rectangles and inside tests must round as in
-// the official kernels. By default the compiler decides, and devices differ.
+// the official kernels. By default the compiler decides about fusing, and devices differ.
 #pragma OPENCL FP_CONTRACT OFF
 
 #define MIN_ALPHA (1.0f / 255.0f)
@@ -13,7 +14,8 @@ typedef struct {
     float nearest;      // minimum depth of the centre of a sphere, moved away by depth_growth radii
     float depth_growth;
     float sides[4];     // x / z of the left and right edges of the raster, y / z of the upper and lower edges
-    float growth;       // a sphere is outside if its centre is this many radii outside an edge of the raster
+    // a sphere is outside if its centre lies more than this number of radii outside an edge of the raster
+    float growth;
     float rounding;     // rounding error of coordinates in camera space
     float focal;        // focal lengths in samples
 } Limits;
@@ -303,7 +305,7 @@ Box box_of(vec2 low, vec2 high, __constant View *view)
 {
     real w = (real)((float)view->width - 1.0f), h = (real)((float)view->height - 1.0f), zero = (real)0.0f;
     Box box;
-    // A sample beyond the raster means "none".
+    // A bound beyond the raster makes the box empty.
     real x0 = low.x > 0.0f ? (low.x < w ? low.x : w + 1.0f) : zero;
     real y0 = low.y > 0.0f ? (low.y < h ? low.y : h + 1.0f) : zero;
     box.x0 = integer_of(floor_small(x0 + 0.999f));

@@ -6,8 +6,8 @@
 
 typedef ushort4 Tiles; // x0, y0, x1, y1: low ends inclusive, high ends exclusive
 
-// Work-item c of `project` has listed primitives at the positions from c * chunk on; before[c] is the
-// number listed by preceding work-items.
+// Work-item c of `project` lists primitives at the positions from c * chunk on. before[c] is the number of
+// primitives listed by preceding work-items.
 __kernel void compact(__global const uint *before, __global const uint *keys, __global uint *keys_out,
                       __global uint *places_out, uint items, uint chunk)
 {

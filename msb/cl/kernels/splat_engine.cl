@@ -33,7 +33,7 @@ void set_line(Raster r, vec3 n, real scale, real *line)
     line[2] = ((n.z - p * r.middle_x) - q * r.middle_y) * scale;
 }
 
-// Extends the bounds, in samples, by a point of camera space at depth z, if the point is `seen`.
+// If `seen` is set, extends the bounds, in samples, by a camera-space point at depth z.
 void hold_point(Raster r, real x, real y, real z, mask seen, vec2 *low, vec2 *high)
 {
     real u = x / z / r.step_x + r.middle_x, v = y / z / r.step_y + r.middle_y;
@@ -43,7 +43,7 @@ void hold_point(Raster r, real x, real y, real z, mask seen, vec2 *low, vec2 *hi
     high->y = (seen & (v > high->y)) ? v : high->y;
 }
 
-// The samples of that part of a triangle that is behind the near plane.
+// The samples of the part of a triangle beyond the near plane.
 Box engine_box(__constant View *view, const vec3 *p)
 {
     Raster r = raster_of(view);

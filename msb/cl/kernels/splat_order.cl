@@ -1,7 +1,7 @@
 // Sorts the faces of a model, or the vertices of a mesh, on the device: along a Z-order curve through
-// space. Faces of a triangle soup are first sorted by size, and along the curve among faces of about the
-// same size. Faces that a view keeps are then close in memory and on the screen. Fetched cache lines and
-// pages are used completely, and groups of faces are dropped together.
+// space. In a triangle soup, faces are first sorted by size. Faces of about the same size are sorted along
+// the curve. Faces that are kept in a view are then close in memory and on the screen. Fetched cache lines
+// and pages are used completely, and groups of faces are dropped together.
 //
 // The curve is from G. M. Morton, A computer oriented geodetic data base (1966).
 

@@ -68,7 +68,7 @@ void color_eight(__global Face *faces, size_t count, __global const uint *number
     }
 }
 
-// listed: number of listed faces of each work-item.
+// `listed` is the number of listed faces of each work-item.
 __kernel void project(__constant View *view, __global const float *groups, __global const float *bounds,
                       __global const uint *numbers, __global const float *positions,
                       __global const uint *indices, __global const float *coverage,

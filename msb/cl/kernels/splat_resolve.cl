@@ -1,9 +1,9 @@
 // Turns planes of raster samples into the pixels of a frame, for every method and style.
 //
 // The planes are 0..2 colour, 3 transmittance, 4 sum of weight times depth, 5..7 sum of weight times
-// normal, 8 median depth, 9 median face. A pixel has `scale` x `scale` samples, of which samples
-// first..last of each axis count. A box average uses all samples; bilinear interpolation at pixel centres
-// uses the middle one or two of each axis.
+// normal, 8 median depth, 9 median face. A pixel has `scale` x `scale` samples, and uses the samples
+// first..last along each axis. A box average uses all samples. Bilinear interpolation at pixel centres uses
+// the middle one or two along each axis.
 #pragma OPENCL FP_CONTRACT OFF
 
 typedef struct {
@@ -27,7 +27,7 @@ float mean_of(__global const float *plane, Band b, uint x, uint y)
         return *plane;
     if (side == 2)
         return 0.25f * ((plane[0] + plane[1]) + (plane[b.stride] + plane[b.stride + 1]));
-    if (side == 4) { // the usual case, three times as fast as this loop
+    if (side == 4) { // the usual scale; this code is three times as fast as the loop below
         float4 sum = vload4(0, plane) + vload4(0, plane + b.stride);
         sum = sum + (vload4(0, plane + 2 * b.stride) + vload4(0, plane + 3 * b.stride));
         return 0.0625f * ((sum.x + sum.y) + (sum.z + sum.w));

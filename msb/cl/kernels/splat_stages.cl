@@ -73,7 +73,7 @@ mask project_seen(const size_t *rows, const Source *source, __constant View *vie
 {
     Box official;
     *kept = project_faces(rows, source, view, f, &official, depth);
-    if (!ANY(*kept)) // tiles and reach may then be undefined
+    if (!ANY(*kept)) // without a kept face, tiles and reach may be undefined
         return (mask)0;
     mask seen = *kept;
     *t = official;

@@ -5,8 +5,8 @@
 #define LONGEST_RUN 32
 // msb/render/splat/pipeline.py defines MOST_SETTLED, a multiple of LANES.
 
-// keys: sorted depths; places: positions of the faces. Sorts places by face number in the run of equal keys
-// that begins at `first`, if a run begins there. Sets `unsettled` if the run is too long.
+// `keys` has the sorted depths, and `places` has the positions of the faces. If a run of equal keys begins at
+// `first`, sorts the places of this run by face number. Sets `unsettled` if the run is too long.
 void settle_run(__global const uint *keys, __global uint *places, __global const Face *faces,
                 __global uint *unsettled, size_t first, size_t count)
 {
@@ -76,7 +76,7 @@ __kernel void depths_of(__global const uint *places, __global const uint *keys, 
         depths[i] = keys[places[i]];
 }
 
-// `visible` is ordered by row, `result` by face number.
+// `visible` is ordered by row, and `result` is ordered by face number.
 __kernel void visible_by_number(__global const uchar *visible, __global const uint *numbers,
                                 __global uchar *result, uint count)
 {

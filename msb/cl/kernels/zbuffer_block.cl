@@ -3,11 +3,11 @@
 
 #define TINY (7 * UNIT)     // maximum extent of a triangle for edge functions in int32
 #define MEDIUM SMALL_EXTENT // maximum extent of a triangle for edge functions divided by UNIT in int32
-#define COARSE_X 5         // blocks of 32 x 16 pixels store their farthest depth,
+#define COARSE_X 5         // log2 of the sides of the 32 x 16 pixel blocks that store their farthest depth
 #define COARSE_Y 4
 #define COARSE_ROW 8  // at most 8 x 8 blocks in a tile of 256 x 128
 #define WORK_BITS 5   // log2 of the pixels of a large triangle that cost as much as a small triangle
-#define MASKED (-1.0f) // a depth farther than everything
+#define MASKED (-1.0f) // a depth behind every surface
 
 typedef struct {
     __global float *depth; // 1 / z: a larger value is nearer, 0 means no surface
@@ -27,7 +27,7 @@ typedef struct {
 
 int face_of(const Tile *t, int slot) { return INTEGERS(t->triangles)[(size_t)slot * WORDS + FACE_WORD]; }
 
-// Returns whether everything at this depth or farther is hidden in a box of image pixels, ends included.
+// Returns whether every surface at this depth or farther is hidden in a box of image pixels, ends included.
 int hidden(const Tile *t, int x0, int y0, int x1, int y1, float depth)
 {
     x0 = (x0 - t->x0) >> COARSE_X;
@@ -71,7 +71,7 @@ void measure(Tile *t)
         t->limit *= 2;
 }
 
-// At eight pixels of a row keep the nearer surface; return where depths are equal.
+// Keep the nearer surface at eight pixels of a row; return where depths are equal.
 int8 keep(const Tile *t, int at, float8 depth, int slot)
 {
     float8 old = LOAD(t->depth + at, 0);
@@ -88,8 +88,8 @@ void settle(const Tile *t, int at, float depth, int slot)
         t->slot[at] = slot;
 }
 
-// With an alpha cutoff, reject pixels whose texture alpha is below the cutoff, unless they are behind `old`
-// anyway.
+// With an alpha cutoff, reject pixels with a texture alpha below the cutoff. Pixels behind `old` need no
+// test.
 #if COLORS == TEXTURES && CUTOFF
 float8 cut(const Tile *t, int8 slot, int8 x, int8 y, float8 depth, float8 old, __constant float *view)
 {
@@ -116,8 +116,8 @@ void draw_outline(Tile *t, int slot, __constant float *view)
             continue;
         if (t->occludes && hidden(t, s.x0, s.y0, s.x1, s.y1, o.high))
             continue;
-        // An edge that has the whole box inside needs no division; an edge that has the whole box outside
-        // ends the triangle.
+        // If the whole box is inside an edge, no division is needed. If the whole box is outside an edge, the
+        // triangle covers no pixel.
         int cuts[3], outside = 0;
         for (int i = 0; i < 3; i++) {
             long down = s.dx[i] * (s.y1 - s.y0), right = -s.dy[i] * (s.x1 - s.x0);
@@ -168,7 +168,7 @@ int8 edge8(int8 dx, int8 dy, int8 to_x, int8 to_y)
     int8 owns = (dy < 0) | ((dy == 0) & (dx > 0));
     long4 low = WIDE(dx.lo, to_y.lo) - WIDE(dy.lo, to_x.lo) + TO_LONG4(~owns.lo);
     long4 high = WIDE(dx.hi, to_y.hi) - WIDE(dy.hi, to_x.hi) + TO_LONG4(~owns.hi);
-    // A logical shift, which AVX2 has, suffices, because only the low half is kept.
+    // Only the low half is kept, so the logical shift of AVX2 suffices.
     return (int8)(TO_INT4(as_ulong4(low) >> SUBPIXEL_BITS), TO_INT4(as_ulong4(high) >> SUBPIXEL_BITS));
 }
 

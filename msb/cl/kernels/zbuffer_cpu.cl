@@ -27,9 +27,9 @@
 
 // ---- bounds of clusters of triangles
 
-// One work-item per group of clusters computes the pixels that each cluster and the group can reach, and 1
-// / z of its nearest point. `boxes` has centre and half extent, in six rows of `stride` values; `rects` has
-// x0, y0, x1, y1, ends included, in four rows. An empty rectangle reaches no pixel.
+// Each work-item handles a group of clusters. It computes the pixels that the group and each cluster can
+// reach, and 1 / z of their nearest points. `boxes` has centre and half extent, in six rows of `stride`
+// values; `rects` has x0, y0, x1, y1, ends included, in four rows. An empty rectangle reaches no pixel.
 __kernel void clusters(__global const float *boxes, __constant float *view, __global int *rects,
     __global float *nearest, __global int *group_rects, __global int *next_tile, int count, int stride, int width,
     int height)

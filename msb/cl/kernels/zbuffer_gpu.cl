@@ -3,7 +3,7 @@
 // The arithmetic and the image are the same as on a CPU (zbuffer_math.cl).
 //
 // A pixel has 64 bits: 1 / z in the upper half, the complement of the slot in the lower half. The larger
-// value is nearer and, at equal depths, has the lower slot. Here slots are in face order. Without 64-bit
+// value is nearer and, at equal depths, has the lower slot. On a GPU, slots are in face order. Without 64-bit
 // atomics (KEYS 0) the triangles are drawn twice: first the depths, then the slots of triangles with the
 // depth of the pixel.
 #define LANES 1

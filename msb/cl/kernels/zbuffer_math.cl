@@ -5,13 +5,13 @@
 // additions fuse the same operations.
 
 // msb/render/standard/triangles.py defines SUBPIXEL_BITS, WORDS (floats per record) and the values of
-// COLORS. BYTES_OF_CORNERS and FLOATS_OF_FACE are stored in the record. FLOATS_OF_CORNERS, nine per face,
-// has a separate buffer. TEXTURES is explained in zbuffer_texture.cl; it includes CUTOFF if alpha decides
-// visibility.
+// COLORS. Colours of the kinds BYTES_OF_CORNERS and FLOATS_OF_FACE are stored in the record.
+// FLOATS_OF_CORNERS has nine floats per face in a separate buffer. TEXTURES is explained in
+// zbuffer_texture.cl; it includes CUTOFF if alpha decides visibility.
 #define UNIT (1 << SUBPIXEL_BITS) // unit of screen coordinates, 1/4096 pixel
 #define HALF (UNIT / 2)
-#define SMALL_EXTENT (64 * UNIT) // up to this extent a CPU draws eight triangles at once,
-#define DEEP(low, high) ((high) > 1024.0f * (low)) // unless 1 / z varies more: float32 has seven digits
+#define SMALL_EXTENT (64 * UNIT) // maximum extent of triangles that a CPU draws eight at once
+#define DEEP(low, high) ((high) > 1024.0f * (low)) // whether 1 / z varies too much for float32
 #define NEAR 0.01f
 #define GUARD (1 << 29)           // in units; a triangle that extends further is clipped
 #define GUARD_PLANE 402653184.0f  // in units; the clipping planes, inside GUARD with room for rounding
@@ -36,8 +36,8 @@ typedef float real;
 #define UV_WORD 9
 #define FACE_WORD 12
 #define LONG_WORD 13
-// Words that are not floats are accessed as integers. As floats they may be subnormal or NaN, and a device
-// need not preserve these values.
+// Words that are not floats are accessed as integers. Read as floats, such words could be subnormal or NaN,
+// and a device may change their values.
 #define INTEGERS(record) ((__global int *)(record))
 #define NO_FACE (-1)
 

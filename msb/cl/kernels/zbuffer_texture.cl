@@ -2,15 +2,15 @@
 // or one. docs/standard.md has the rules; `sample` in msb/asset/texture.py is a readable version in NumPy.
 //
 // A triangle record has u, v of its corners in UV_WORD and after FACE_WORD. `tints`, if used, holds linear
-// light and alpha of the corners of each slot, `numbers`, with several textures, the texture of each slot,
-// `texels` all levels of all textures with an extra column and row, as linear light and alpha with 16 bits
-// each. `rows` describes how to read:
+// light and alpha of the corners of each slot. With several textures, `numbers` holds the texture of each
+// slot. `texels` holds all levels of all textures, each with an extra column and row. A texel is linear light
+// and alpha, with 16 bits each. The rows of the table `rows`:
 //   row 0       whether the nearest texel is used, whether smaller levels are used, wrap of u, wrap of v
 //   row 1       alpha cutoff as a float; whether there are tints; whether there are several textures
 //   row 2 + 5t  texture t: width, height, last level; the next four rows: first texels of levels 0 to 15
 
-// msb/render/standard/texels.py defines FIRST_ROW, TEXTURE_ROWS and the wraps CLAMPED and MIRRORED; any other
-// value repeats.
+// msb/render/standard/texels.py defines FIRST_ROW, TEXTURE_ROWS and the wrap modes CLAMPED and MIRRORED;
+// other values mean repeat.
 #define TINT_WORDS 12
 // Inlining moves values that are constant along a row out of the loops.
 #if LANES == 8 && defined(__clang__)
@@ -33,7 +33,7 @@ typedef struct {
 #define CUTOFF_OF(t) as_float((t)->rows[4])
 #define IS_TINTED(t) ((t)->rows[5])
 #define ARE_SEVERAL(t) ((t)->rows[6])
-// Arguments of a kernel that draws, and the use of these arguments.
+// Texture arguments of a drawing kernel, and the struct that holds them.
 #define TEXTURE_ARGUMENTS                                                                                       \
     , __global const uint *numbers, __global const ushort4 *texels, __global const int *level_rows
 #define TEXTURES_OF(triangles, tints) {triangles, tints, numbers, texels, level_rows}
@@ -155,8 +155,8 @@ Image image_of(const Textures *t, ints slot)
     return image;
 }
 
-// The texels read in a level: the upper left of four texels, and the offset of the lower two. Three shares
-// follow: of the upper two, of the lower two, and of the right texel in each pair.
+// The texels read in a level: the upper left of four texels, and the offset of the lower two. Three weights
+// follow: of the upper texels, of the lower texels, and of the right texel in each pair.
 typedef struct {
     ints at, below;
     floats upper, lower, right;
@@ -184,7 +184,7 @@ Taps taps_of(const Textures *t, const Image *image, ints level, floats u, floats
     } else {
         floats x = MAD(u, FLOATS_OF(width), (floats)(-0.5f));
         floats y = MAD(v, FLOATS_OF(height), (floats)(-0.5f));
-        // Beyond an edge that does not repeat, the colour of the edge continues.
+        // Beyond the edge of a texture that does not repeat, the colour of the edge continues.
         if (t->rows[2] != 0)
             x = x > 0.0f ? x : (floats)0.0f;
         if (t->rows[3] != 0)

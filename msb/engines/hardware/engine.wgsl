@@ -1,5 +1,5 @@
 // The sampling of triangles in game engines: the rasterisation rules of graphics hardware, with the order of operations
-// of msb/reference/engine.py. The file of a method includes this one if ENGINE is defined.
+// of msb/reference/engine.py. The file of a method includes this file if ENGINE is defined.
 //
 // A quad is drawn, and a sample belongs to the triangle if all three values (barycentric coordinate / depth) are
 // positive. These values and 1 / depth are affine on the screen, and all three are negative for points behind the

@@ -2,8 +2,8 @@
 //
 // WGSL allows a compiler to fuse products into sums, and some compilers also reorder sums. A depth key, an edge distance
 // or a tile rectangle then differs in its last bit. As a result, a face is blended in another order, or is missing in a
-// whole tile. `keep` prevents this: it computes the exclusive or of a value and a 0 from the uniform buffer. The
-// compiler does not know that this is 0, so it must compute and round the value at this point.
+// whole tile. `keep` prevents such errors. It computes the exclusive or of a value and a 0 from the uniform buffer. The
+// compiler cannot know this 0, so it must compute and round the value at this point.
 #include "view.wgsl"
 
 fn keep(x: f32) -> f32 { return bitcast<f32>(bitcast<u32>(x) ^ view.zero); }
@@ -42,7 +42,7 @@ fn root(a: f32) -> f32 {
     return select(s, better, a > 1e-25 && a < 1e25);
 }
 
-// Both functions return b if a or b is NaN. (The functions min and max of WGSL are undefined for NaN.)
+// The two functions below return b if a or b is NaN. (The functions min and max of WGSL are undefined for NaN.)
 fn lesser(a: f32, b: f32) -> f32 { return select(b, a, a < b); }
 fn greater(a: f32, b: f32) -> f32 { return select(b, a, a > b); }
 

@@ -1,8 +1,8 @@
 // A stable radix sort of faces by their depth keys, with 4-bit digits. It needs no subgroups and no atomics: every
 // invocation counts the digits of a separate run of consecutive items, so equal keys keep their order.
 //
-// The first step also removes the faces that are not drawn. Only the device knows how many remain, so it writes the
-// arguments of later dispatches and draws itself.
+// The first step also removes the faces that are not drawn. Only the device knows the number of remaining faces, so the
+// first step also writes the arguments of later dispatches and draws.
 
 const DIGITS = 16u;
 const WORKERS = 128u;

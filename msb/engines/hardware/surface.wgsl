@@ -1,5 +1,6 @@
 // Computes the pixels of opaque faces. The z-buffer pass has found the face of each pixel. The function
-// `surface_at(number, x, y) -> Seen` computes the appearance of the face; the method's file before this file defines it.
+// `surface_at(number, x, y) -> Seen` computes the appearance of the face. The method's file, inserted before this file,
+// defines the function.
 #include "band.wgsl"
 @group(0) @binding(5) var<uniform> band: Band;
 @group(0) @binding(6) var faces: texture_2d<u32>; // face number + 1; 0 without a face

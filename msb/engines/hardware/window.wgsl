@@ -69,7 +69,7 @@ fn project_window(p: array<vec3<f32>, 3>, w: ptr<function, Window>) -> bool {
         (*w).edge_offset[k] = t * outward;
         (*w).inradius[k] = distance * outward;
     }
-    // NaN if two corners coincide. Officially such a face is kept, but no sample is inside it.
+    // NaN if two corners coincide. The official code keeps such a face, but no sample is inside it.
     return !((*w).inradius[2] > -1.0);
 }
 

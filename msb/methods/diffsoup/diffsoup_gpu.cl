@@ -71,8 +71,9 @@ __kernel void raster(__global const float4 *corners, __global const ushort *firs
         if (!f.valid)
             continue;
         count++;
-        // The value depth + 2 is at least 1. The difference of the bits is an integer. In Mesa's llvmpipe
-        // (22.3), atomics have no effect on the bits of a float.
+        // The bits of depth + 2 minus the bits of 1 are a non-negative integer, because depth + 2 is at least
+        // 1. An integer is needed, because atomics of Mesa's llvmpipe (22.3) have no effect on the bits of a
+        //    float.
         uint depth = as_uint(f.ndc + 2.0f) - as_uint(1.0f);
         __global uint *key = keys + 2 * ((size_t)row * width + column);
         if (!(f.ndc > -1.0f) || !may_win(key, depth, (uint)face, pass))

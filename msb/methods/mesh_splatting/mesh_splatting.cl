@@ -17,8 +17,9 @@
 #define COLORS 9
 #define SMALL_IS_DROPPED 0 // even if two corners coincide on the screen
 
-// The array coverage has, per vertex: opacity, rim (the phi below which alpha is under 1/255); with PLUS
-// also the phi with o phi^sigma = 0.01. f_dc contains the evaluated colours of the vertices.
+// For each vertex, the array coverage has the opacity and the rim. The rim is the phi below which alpha is
+// under 1/255. With PLUS, coverage also has the phi with o phi^sigma = 0.01. f_dc contains the evaluated
+// colours of the vertices.
 
 #if ENGINE
 #define LINES 12

@@ -13,8 +13,8 @@
 #define CORNERS_MAY_BE_BEHIND 0
 #define SMALL_IS_DROPPED 0
 
-// The array coverage has the opacity, and the eccentricity beyond which alpha is below 1/255; it is
-// negative if alpha is always below 1/255.
+// The array coverage has the opacity and a limit of the eccentricity. Alpha is below 1/255 beyond this limit.
+// The limit is negative if alpha is always below 1/255.
 
 #if ENGINE
 #define LINES 12
@@ -27,7 +27,7 @@
 // Corners in samples, 1 / twice the area, and camera depth of the corners.
 #define SHAPE(REAL) REAL x[3], y[3], inverse, z[3];
 #endif
-// The value limit is the eccentricity of `coverage`.
+// The value limit is the eccentricity limit of `coverage`.
 #define FACE_MEMBERS(REAL, INT)                                                                              \
     {                                                                                                        \
         SHAPE(REAL)                                                                                          \
@@ -63,9 +63,9 @@ Box dilated_tiles(__constant View *view, vec2 a, vec2 b, vec2 c)
 }
 
 #if ENGINE
-// This is either rasterizer with engine sampling. Hardware generates no fragments outside a triangle, but
-// this method's coverage extends beyond its edges. Therefore the triangles are enlarged about their
-// centroids until they contain their whole coverage.
+// Engine sampling is the same for both rasterizers. Graphics hardware draws nothing outside a triangle, but
+// the falloff of this method extends beyond the edges. Therefore each triangle is enlarged about its centroid
+// until it contains the whole falloff.
 mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box *official, Box *box,
                    real *depth)
 {
@@ -114,7 +114,7 @@ mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box 
     f->normal[0] = normal.x;
     f->normal[1] = normal.y;
     f->normal[2] = normal.z;
-    // The box is not smaller than the tiles, because samples are scattered if the plane is seen edge-on.
+    // The box is as large as the tiles, because covered samples are scattered if the plane is seen edge-on.
     *box = (Box){(mask)0, (mask)0, (mask)((int)view->width - 1), (mask)((int)view->height - 1)};
     return !dropped;
 }
@@ -236,7 +236,7 @@ Columns columns_of(FACE_POINTER f, real x, __constant View *view)
 #define ABS(x) ((x) < 0.0f ? -(x) : (x))
 // Return which pairs of rows y and y + 1 (one pair per lane) may contain a covered sample in the eight
 // columns from `left` on. At a covered sample, all three barycentric coordinates are above (1 - limit) / 3.
-// Each coordinate is tested at that corner of this block of samples where the coordinate is largest.
+// Test each coordinate at the corner of the block where the coordinate is largest.
 mask reaches(FACE_POINTER f, float left, real y)
 {
 #if PLANAR

@@ -57,8 +57,8 @@ fn color_face(number: u32, face: ptr<function, Face>) {
 #endif
 
 #if ENGINE
-// Hardware generates no fragments outside a triangle, but this method's coverage extends beyond its edges.
-// Therefore the triangles are enlarged about their centroids until they contain their whole coverage.
+// Graphics hardware draws nothing outside a triangle, but the falloff of this method extends beyond the edges.
+// Therefore each triangle is enlarged about its centroid until it contains the whole falloff.
 fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     let limit = coverage[COVERAGE * number + 1u];
     var corners = positions_of(corners_of(number));
@@ -124,7 +124,7 @@ fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, F
     (*face).dual2 = vec4<f32>(scale3(cross3(sub3(r, p), normal), scale), 0.0);
     (*face).dual3 = vec4<f32>(scale3(cross3(normal, sub3(q, p)), scale), limit);
     (*face).normal = vec4<f32>(normal, 0.0);
-    // The box is not smaller than the tiles, because samples are scattered if the plane is seen edge-on.
+    // The box is as large as the tiles, because covered samples are scattered if the plane is seen edge-on.
     result.samples = vec4<i32>(0, 0, i32(view.width) - 1, i32(view.height) - 1);
     return result;
 }

@@ -143,7 +143,8 @@ def _count_and_fill(
     starts = device.scratch("splat tile starts", tiles + 1, np.uint64)
     sizes = np.uint32(listed), np.uint32(chunk), np.uint32(columns), np.uint32(tiles)
     ordered = device.scratch("splat ordered tiles", (max(listed, 1), 4), np.uint16)
-    # Count the entries of each chunk in each tile. The sums of these counts give the start of each tile's list.
+    # Count the entries of each chunk in each tile. The sums of these counts give the start of each tile's
+    # list.
     program.count_tiles(chunks, 1, order, projected.tiles, ordered, counts, *sizes)
     program.sum_tiles(tiles, WORK_GROUP, counts, totals, np.uint32(chunks), np.uint32(tiles))
     exclusive_scan(device, totals, starts, tiles)
