@@ -39,8 +39,8 @@ class Adapter(Protocol):
 def adapters() -> dict[str, Adapter]:
     """Return the adapters by method in the order of detection: adapters of other packages come first.
 
-    An adapter of another package can distinguish its files from those of the built-in methods. The built-in
-    adapters cannot recognise the files of other packages.
+    An adapter from another package is asked first, so it can distinguish its files from files of the built-in
+    methods. The built-in adapters cannot recognise the files of other packages.
     """
     by_name = {name: adapter for name in METHODS if (adapter := _by_name(name)) is not None}
     by_name |= dict(with_role("adapter"))
@@ -51,7 +51,7 @@ def adapters() -> dict[str, Adapter]:
 def _by_name(method: str) -> Adapter | None:
     """Return the adapter of a method whose files are recognised only by name, or None for other methods.
 
-    Such methods have no native rendering.
+    Methods whose files are recognised by name have no native rendering.
     """
     known, meshes = METHODS[method], cast("Any", role("mesh", "adapter"))
     return meshes.ByName(method) if known.reads_meshes and known.native is None and known.files else None

@@ -251,8 +251,8 @@ def _list_names(folder: Path) -> list[str]:
 
 
 def is_mesh_file(path: Path) -> bool:
-    """Return whether msb reads `path` as a mesh file. This is so unless `path` is an asset or a trained
-    model."""
+    """Return whether msb reads `path` as a mesh file. All files except assets and trained models are mesh
+    files."""
     return not (is_asset(path) or is_folder(path) or is_checkpoint(path) or _is_primitive_table(path))
 
 

@@ -1,7 +1,8 @@
 """Write an asset as the mesh file that the official exporter of its method would write.
 
-The file differs from the standard-tier mesh: some exporters keep alpha, evaluate SH in a fixed direction,
-merge vertices or write every face twice. Tests compare the results with files of the official code.
+The exporter's file differs from the standard-tier mesh. Some exporters keep alpha, evaluate SH in a fixed
+direction, merge vertices or write every face twice. Tests compare the results with files of the official
+code.
 """
 
 import os

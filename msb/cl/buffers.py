@@ -148,7 +148,8 @@ class Buffer:
     def mapped(self) -> Iterator[NDArray[Any]]:
         """Yield the content as a read-only host array, valid only within the ``with`` block.
 
-        No copy is made if host and device share memory. Otherwise the content is copied to the host.
+        No copy is made if host and device share memory. If host and device have separate memories, the
+        content is copied to the host.
         """
         queue = self._memory.queue
         if not queue.record.host_unified or not self.size:
@@ -274,7 +275,7 @@ class Memory:
         return sum(bytes_by_use(self.queue.allocations).values())
 
     def _works_in_place(self) -> bool:
-        # PoCL works directly on host memory. Other platforms may copy the array and write the copy back
+        # PoCL works directly on host memory. Other platforms may copy the array, and may write the copy back
         # when the buffer is mapped. Intel's platform copies arrays of some alignments, and then crashes if
         # the array is a read-only mapped file.
         record = self.queue.record

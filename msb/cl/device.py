@@ -22,8 +22,8 @@ class Device:
 
     `open_device` opens it; `close` or the end of a ``with`` block closes it. Threads may share a device.
     Commands are thread-safe. Put commands that belong together into a `using` or `timing` block. Other
-    threads wait during this block. `style` selects the kernels. The style of the kernels: `record.style`
-    unless the caller chose another style.
+    threads wait until the ``with`` block ends. `style` selects the kernels. The style of the kernels:
+    `record.style` unless the caller chose another style.
     """
 
     def __init__(self, cl: Any, handle: Any, record: DeviceRecord, style: Style | None = None) -> None:
@@ -59,8 +59,8 @@ class Device:
         Kernels may write to the buffer if the array is writable. Read results from the buffer, because other
         platforms do not write them into the array. Keep the array alive and unchanged until `finish` has
         returned and the buffer is released. Kernels must not assume an alignment above the item size of the
-        dtype. On systems with huge pages, first access to a large NumPy array takes a fifth of the time of
-        first access to memory from `allocate`.
+        dtype. On systems with huge pages, pass a large new NumPy array: its first access takes a fifth of the
+        time of memory from `allocate`.
         """
         return self._memory.share(array, use, group)
 

@@ -10,11 +10,11 @@ driver is installed.
 Method: PoCL's device structure has a pointer to the processor name, at byte 640 in this build of the library.
 The module overwrites the characters of this name with the name of a compatible processor of the same length.
 
-Safety: the module writes only if five facts have the expected values. The facts are the versions of wheel and
-driver, the file name of the library with a hash of its content, the offset of the pointer, and the name at
-the pointer. Memory is read through /proc/self/mem, so a wrong address cannot crash the process.
-`msb.cl.trial` first builds and runs kernels with the new processor name in a separate process. Delete this
-module as soon as a PoCL wheel knows current processors.
+Safety: the module writes only if five facts have the expected values. The five facts are: the version of the
+wheel, the version of the driver, the file name of the library with its content hash, the offset of the
+pointer, and the name at the pointer. Memory is read through /proc/self/mem, so a wrong address cannot crash
+the process. `msb.cl.trial` first builds and runs kernels with the new processor name in a separate process.
+Delete this module as soon as a PoCL wheel knows current processors.
 """
 
 import contextlib

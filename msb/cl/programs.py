@@ -49,8 +49,8 @@ _NAMELESS = "<kernel>"
 UNKNOWN_CPU = "unknown target CPU"
 
 # Maximum number of attempts to build a program. A build is repeated only if it fails without an error in
-# the source. PoCL processes disturb each other if they build the same program at the same time on an empty
-# cache. With 8 processes, 1 of 200 builds fails.
+# the source. Several PoCL processes disturb each other when they build the same program into an empty cache.
+# One of 200 builds fails with eight processes.
 _ATTEMPTS = 5
 _PAUSE = 0.2  # seconds
 
@@ -89,9 +89,9 @@ class Kernel:
     its event.
 
     The returned event is None if a size is 0. Global and local sizes are an integer or a tuple of up to
-    three integers. `global_size` is rounded up to a multiple of `local_size`. Each kernel must therefore
-    compare its global id with the number of elements. The local size is required, because PoCL compiles a
-    kernel again for each new local size.
+    three integers. `global_size` is rounded up to a multiple of `local_size`. Kernels must compare their
+    global id with the number of elements, because the global size is rounded up. The local size is required,
+    because PoCL compiles a kernel again for each new local size.
 
     Kernel arguments are `Buffer`, `LocalMemory`, or NumPy scalars of exactly the type in the kernel
     (``np.uint32(n)``). For a vector argument, pass a NumPy array with as many elements as the vector.

@@ -56,8 +56,8 @@ def exclusive_scan(device: Device, values: Buffer, offsets: Buffer, count: int |
 
 
 def _scan_cpu(device: Device, values: Buffer, offsets: Buffer, count: int) -> None:
-    # Sum each chunk of elements and scan the sums. Then scan each chunk of elements, starting from the
-    # chunk's offset.
+    # Sum each chunk of elements and scan the sums. Scan each chunk of elements, starting from the chunk's
+    # offset.
     program = device.program("scan_cpu", {"SUM": _OPENCL_NAMES[offsets.dtype]})
     chunk, chunks = chunks_of(device, count)
     starts = device.scratch("scan starts", chunks, offsets.dtype)
@@ -74,7 +74,8 @@ def _scan_gpu(device: Device, values: Buffer, offsets: Buffer, count: int, level
         "scan_gpu",
         {"VALUE": _OPENCL_NAMES[values.dtype], "SUM": _OPENCL_NAMES[offsets.dtype], "ITEMS": _ITEMS},
     )
-    # Sum each tile. If there are too many tile sums, scan them recursively. Then scan each tile of elements.
+    # Sum each tile. Scan the tile sums recursively if there are too many for one launch. Scan each tile of
+    # elements, starting from the tile's offset.
     tiles = -(-count // (group * _ITEMS))
     sums = device.scratch(f"scan sums {level}", tiles + 1, offsets.dtype)
     if tiles > 1:

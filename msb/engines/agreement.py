@@ -1,8 +1,8 @@
 """Computes statistics of the differences between two renderers.
 
 The largest difference of two images is not a useful measure of their agreement. Graphics hardware snaps
-triangle corners to a grid of 1/256 pixel, some software renderers to 1/16 pixel, and ray tracers do not snap
-corners at all. Two correct renderers may show different faces at edges and intersections. Inside a face, away
+triangle corners to a grid of 1/256 pixel. Some software renderers snap to 1/16 pixel, and ray tracers do not
+snap corners. Two correct renderers may show different faces at edges and intersections. Inside a face, away
 from its edges, two renderers must agree.
 """
 

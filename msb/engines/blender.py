@@ -123,7 +123,7 @@ class _Blender(Engine):
         """Raise an error if Blender cannot draw the asset, or cannot draw on the requested device."""
 
     def _device_info(self, about: Mapping[str, Any]) -> Mapping[str, str]:
-        """Return the value for `device_info` from the worker's answer to its first request."""
+        """Return the value for `device_info`, which the worker sends with its first answer."""
         raise NotImplementedError
 
     @classmethod

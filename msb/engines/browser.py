@@ -1,9 +1,9 @@
 """A headless browser that shows one of our pages and executes drawing tasks.
 
-A local HTTP server sends tasks to the page and receives answers (web/remote.js), so that no driver and no
-debugging protocol is needed. The page's address contains a secret. Other users who do not know the secret can
-neither read the asset nor send false answers. Other users of the machine can see the browser's command line.
-The command line therefore shows a temporary address, which redirects to the page only once.
+A local HTTP server sends tasks to the page and receives answers (web/remote.js). No driver and no debugging
+protocol is needed. The page's address contains a secret. Other users who do not know the secret can neither
+read the asset nor send false answers. Other users of the machine can see the browser's command line. The
+command line therefore shows a temporary address, which redirects to the page only once.
 """
 
 import contextlib
@@ -56,8 +56,7 @@ _FLAGS = (
     "--mute-audio",
     "--hide-scrollbars",
     "--window-size=800,600",
-    # This flag allows the page to close its window after the end of our server. Closing the window ends the
-    # browser.
+    # This flag lets the page close its window when our server ends. Closing the window ends the browser.
     "--blink-settings=allowScriptsToCloseWindows=true",
 )
 # Flags for WebGL in software, for WebGL on a GPU if possible, for WebGPU, and for WebGPU in software.
@@ -228,7 +227,7 @@ def _end(
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-    tasks.put(b"")  # this stops a server thread that still waits for a task
+    tasks.put(b"")  # stop a server thread that waits for a task
     server.shutdown()
     server.server_close()
     log.close()

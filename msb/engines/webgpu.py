@@ -293,10 +293,10 @@ class WgpuRenderer(Engine):
 def pack_camera(camera: Camera) -> NDArray[np.float32]:
     """Return the uniform buffer of the shader, (24,) float32.
 
-    The buffer contains the column-major 4 x 4 clip matrix for points relative to the camera, the camera's
-    centre rounded to float32, and the rounding error of the centre. For a point at pixel (u, v), clip x is
-    (2u/W - 1) * depth, clip y is (1 - 2v/H) * depth, and clip w is the depth. Clip z is the distance of the
-    near plane, so the depth buffer contains near / depth: 1 at the near plane, 0 at infinity.
+    The buffer contains three values: the column-major 4 x 4 clip matrix for points relative to the camera,
+    the camera's centre rounded to float32, and the rounding error of the centre. For a point at pixel (u, v),
+    clip x is (2u/W - 1) * depth, clip y is (1 - 2v/H) * depth, and clip w is the depth. The depth buffer
+    contains near / depth, because clip z is the distance of the near plane.
     """
     rounded = camera.center.astype(np.float32).astype(np.float64)
     width, height = camera.width, camera.height

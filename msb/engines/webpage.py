@@ -19,7 +19,7 @@ from msb.asset.look import AMBIENT, GREY, light_toward
 from msb.scenes import Camera
 from msb.scenes.framing import Framing
 
-# If a page has more faces than this, most browsers run out of memory when they open the page.
+# Pages with more faces than this exceed the memory of most browsers.
 LARGE = 3_000_000
 _SCRIPTS = ("camera.js", "page.js", "controls.js", "files.js", "start.js")
 # Parts of a JavaScript module that are invalid in a plain script: "use strict", imports, exports.

@@ -3,8 +3,8 @@
 The renderers are slow and easy to verify.
 
 In float32 the renderers repeat the official kernels operation by operation. The OpenCL kernels are tested
-against the reference renderers. float64 results may differ from them where a single rounding decides. The
-formulas and the measured agreement are in docs/reference.md.
+against the reference renderers. Results in float64 may differ from float32 results where a single rounding
+decides. The formulas and the measured agreement are in docs/reference.md.
 """
 
 import time

@@ -1,9 +1,9 @@
 """Basic operations of all reference renderers, in the evaluation order of the official kernels.
 
 Every function works in the dtype of its arguments, float32 or float64. NumPy rounds after each operation and
-never fuses a multiplication with an addition, so float32 arguments give strict IEEE float32 in the order
-written here. Exponentials, logarithms and powers are evaluated in double and then rounded. Therefore a
-float32 result is correctly rounded on every machine, except for rare double rounding. NumPy's own float32
+never fuses a multiplication with an addition. Therefore float32 arguments give strict IEEE float32 in the
+order written here. Exponentials, logarithms and powers are evaluated in double and then rounded. The results
+in float32 are correctly rounded on every machine, except for rare double rounding. NumPy's own float32
 functions depend on vector libraries.
 """
 
@@ -92,7 +92,7 @@ def sigmoid(logits: Reals) -> Reals:
 def ndc_to_pixel(ndc: Reals, size: int) -> Reals:
     """Return ((ndc + 1) size - 1) / 2, evaluated in double precision and rounded once.
 
-    This is the pixel mapping of the 3DGS family: pixel i has its centre at the integer i, and ndc = -1 is the
+    The pixel mapping is that of the 3DGS family: pixel i has its centre at the integer i, and ndc = -1 is the
     left edge of pixel 0.
     """
     return np.asarray((((ndc.astype(np.float64) + 1) * size - 1) * 0.5).astype(ndc.dtype))

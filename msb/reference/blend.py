@@ -138,8 +138,8 @@ def _attenuate(
 ) -> tuple[Reals, NDArray[np.bool_], NDArray[np.bool_]]:
     """Lower the transmittance T of P pixels by the `alpha` (K, P) of K faces.
 
-    Return the transmittance T in front of each face (K, P), a mask of the blended faces (K, P), and a mask of
-    the pixels that stay open (P,).
+    Return three arrays: the transmittance T in front of each face (K, P), a mask of the blended faces (K, P),
+    and a mask of the pixels that stay open (P,).
     """
     # Multiply from front to back. The rows are T in front of the first face, between faces, and behind the
     # last face.
@@ -174,7 +174,7 @@ def _add(
         color = layers.color * alpha[:, None] * before[:, None]
     totals = (*image.color.T, image.depth, *image.normal.T)
     terms = (*color.T, layers.depth * weight, *(layers.normal * weight[:, None]).T)
-    # add.at adds one pair after the other, and it is faster with a separate call for each channel.
+    # add.at adds one pair after the other. Separate calls for each channel are faster.
     for total, term in zip(totals, terms, strict=True):
         np.add.at(total, pixels, term)
     # Find the last face of each pixel with T > 0.5 in front of the face.

@@ -4,10 +4,10 @@ Fragments exist only at pixel centres inside the projected triangle. Geometry ne
 clipped. Vertex attributes are interpolated with perspective correction. Faces are not sorted into tiles, and
 are not culled by size or distance. The coverage window, colours and blending follow the method.
 
-Barycentric coordinates divided by depth are affine on the screen, and so is 1 / depth. These quotients are
-called homogeneous edge functions (Olano and Greer, "Triangle scan conversion using 2D homogeneous
-coordinates", 1997). Polygons need no clipping: where a ray meets the triangle behind the camera, all three
-functions are negative.
+Barycentric coordinates divided by depth are affine on the screen, and so is 1 / depth. The barycentric
+coordinates divided by depth are called homogeneous edge functions (Olano and Greer, "Triangle scan conversion
+using 2D homogeneous coordinates", 1997). Polygons need no clipping: where a ray meets the triangle behind the
+camera, all three functions are negative.
 """
 
 from dataclasses import dataclass
@@ -120,8 +120,8 @@ def project_engine(triangles: Reals, view: SplattingCamera, *, incentre: bool) -
     -----
     For corners p_k in camera space, normal N = (p_1 - p_0) x (p_2 - p_0) and a ray d = (x, y, 1): 1 / depth =
     N . d / V and b_k / depth = (p_i x (p_j - p_i)) . d / V with V = p_0 . N, where i and j are the two other
-    corners, in order. The distance to the edge opposite corner k, divided by the inradius, is b_k times the
-    perimeter divided by the length of this edge.
+    corners, in order. Let h be the distance to the edge opposite corner k, divided by the inradius. Then h is
+    b_k times the perimeter, divided by the length of this edge.
     """
     real = triangles.dtype.type
     corners = transform(view.world_to_camera[:3], triangles)
@@ -178,7 +178,8 @@ def _sample_box(corners: Reals, view: SplattingCamera) -> tuple[Integers, Intege
     real = corners.dtype.type
     near, (step, middle) = real(NEAR), _scale(view)
     z, following = corners[..., 2], np.roll(corners, -1, axis=1)
-    # Compute the points where edges cross the near plane; they are valid only for edges that cross it.
+    # Compute the points where edges cross the near plane. The points are valid only for edges that cross the
+    # plane.
     share = (near - z) / (following[..., 2] - z)
     cut = corners[..., :2] + share[..., None] * (following[..., :2] - corners[..., :2])
     inside = z >= near

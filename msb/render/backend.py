@@ -94,8 +94,8 @@ class Backend(Protocol):
         """Draw a frame and wait until it is complete, without reading it back. Benchmarks time this."""
 
     def memory(self) -> Mapping[str, int]:
-        """Return the bytes of device memory for this asset by purpose, or an empty mapping if the renderer
-        cannot count them."""
+        """Return the bytes of device memory for this asset by purpose. If the renderer cannot count them,
+        return an empty mapping."""
 
     def close(self) -> None:
         """Release all memory. A second call of `close` has no effect."""
@@ -197,8 +197,8 @@ def class_for(asset: Asset, tier: str, name: str | None, options: Mapping[str, A
     """Return the class that draws an asset on a renderer tier: the built-in class, or the class of the
     renderer `name`.
 
-    This function checks a tier and its options: the method must support the tier, the renderer must draw
-    it, and the class must accept the options.
+    Check a tier and its options. The method must support the tier, the renderer must draw it, and the class
+    must accept the options.
     """
     check_supported(asset, tier)
     make = find_renderer(name or tier)

@@ -32,8 +32,8 @@ class DeviceScope:
 
     Notes
     -----
-    Queue commands only in a ``with`` block of `turn`, or in a method decorated with `in_turn`. Other
-    threads wait until the block ends, and memory allocated in the block belongs to this renderer.
+    Queue commands only in a ``with`` block of `turn`, or in a method decorated with `in_turn`. Other threads
+    wait until the block ends. Memory that is allocated in the block belongs to this renderer.
     """
 
     def __init__(self, device: str | Device | None, name: str) -> None:

@@ -200,7 +200,7 @@ class SceneOptions:
         return {key: value for key, value in vars(self).items() if value is not None}
 
     def read(self, asset: Asset, path: Path, note: Callable[[str], None]) -> Scene:
-        """Return a scene as `msb run` evaluates the asset on it; call `note` with each warning of the
+        """Return a scene with the settings of `msb run` for the asset. Call `note` with each warning of the
         scene."""
         from msb.scenes.datasets import note_scaled_cameras, scene_of
 

@@ -1,7 +1,7 @@
 """The contribution of each face to the images of given cameras, computed in OpenCL.
 
-`ReferenceFrame.contribution` (`msb.reference`) is the readable NumPy version. It counts samples; this module
-counts pixels.
+`ReferenceFrame.contribution` (`msb.reference`) is the readable NumPy version. The NumPy version counts
+samples; this module counts pixels.
 """
 
 from collections.abc import Iterable, Iterator, Mapping

@@ -4,8 +4,8 @@ All members of the archive are in one folder, which has the name of the file or 
 the members ``data.pkl``, ``version`` and one member ``data/N`` per storage. In newer files it also needs
 ``byteorder``. The reader ignores other members (``.format_version``, ``.storage_alignment``,
 ``.data/serialization_id``). As in a packed `.triasset`, padding in the extra field of local headers aligns
-the data to 64 bytes. Unlike in a `.triasset`, a second copy of sizes and checksum follows the data (bit 3 of
-the flags), and a ZIP64 end record always exists.
+the data to 64 bytes. Unlike in a `.triasset`, a ZIP64 end record always exists, and a copy of sizes and
+checksum follows the data (bit 3 of the flags).
 
 Sources: pytorch/pytorch `torch/serialization.py`, `caffe2/serialize/versions.h`,
 `caffe2/serialize/inline_container.cc`.

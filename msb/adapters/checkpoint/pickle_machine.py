@@ -3,8 +3,8 @@
 A pickle is a program for a small stack machine. Python's own interpreter imports and calls everything that
 the program names, so it must never load an untrusted pickle. This interpreter has the 40 instructions that
 are needed for dicts, lists, tuples, text, numbers and tensors. Names select functions from the list in
-`names.py`. Any other instruction or name is an error. Sources for the meaning of instructions: the comments
-of python/cpython `Lib/pickletools.py`, and PEP 3154 for protocol 4.
+`names.py`. Instructions and names outside this part raise an error. Sources for the meaning of instructions:
+the comments of python/cpython `Lib/pickletools.py`, and PEP 3154 for protocol 4.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from msb.adapters.checkpoint.tensors import Storages
 
 # Maximum number of instructions. A few thousand instructions are usual. A list with the loss of each
-# training step adds 10,000. An instruction can need some hundred bytes (an empty dict, a tensor), so this
-# limit also bounds the memory to some hundred MiB.
+# training step adds 10,000. An instruction can need some hundred bytes, for example for an empty dict. The
+# limit therefore bounds the memory to some hundred MiB.
 MAX_OPCODES = 1_000_000
-# Maximum number of memo entries. This is half of MAX_OPCODES, because an entry takes two instructions: one
-# creates the value, one stores it.
+# Maximum number of memo entries. The maximum is half of MAX_OPCODES, because an entry takes two instructions:
+# one creates the value, one stores it.
 MAX_MEMO = 500_000
 # Maximum size of an integer in bytes. Sizes and seeds take fewer bytes; the magic number of torch takes 10.
 MAX_INTEGER_BYTES = 16
@@ -50,7 +50,7 @@ class _Machine:
         # The part of the stack below each open mark.
         self.below: list[list[Any]] = []
         self.memo: dict[int, Any] = {}
-        # The dictionaries, by id, that the file declares as OrderedDict. Only these dictionaries can have
+        # The dictionaries, by id, that the file declares as OrderedDict. Only OrderedDicts can have
         # attributes.
         self.ordered: dict[int, dict[Any, Any]] = {}
 
@@ -323,7 +323,8 @@ def run_pickle(
     """Run the pickle at the beginning of `data`; return the pickle's value and end.
 
     Without `storages`, all tensors in the value are empty. `where` and `origin` are for error messages.
-    They give the name of the archive member, such as "data.pkl ", and the position of `data` in the file.
+    The texts give the name of the archive member, such as "data.pkl ", and the position of `data` in the
+    file.
     """
     machine = _Machine(data, DeclaredStorages() if storages is None else storages)
     try:

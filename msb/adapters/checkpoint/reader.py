@@ -36,8 +36,8 @@ def read_checkpoint(path: str | os.PathLike[str]) -> Any:
     file.
 
     The value consists of dictionaries, lists, tuples, text, bytes, numbers, bools and None. A tensor or
-    Parameter is a read-only NumPy view of the mapped file, with the saved shape and strides; bfloat16 is a
-    `BFloat16Array`. An OrderedDict becomes a dict, and a NumPy scalar becomes a Python number.
+    Parameter is a read-only NumPy view of the mapped file, with the saved shape and strides. A bfloat16
+    tensor is a `BFloat16Array`. An OrderedDict becomes a dict, and a NumPy scalar becomes a Python number.
     """
     path = Path(path)
     data = map_file(path)
@@ -109,7 +109,7 @@ class _Node:
 def _check_structure(root: Any) -> None:
     """Reject a value that is not plain data, contains itself, or is too large or too deep for recursive code.
 
-    Time and memory are linear in the number of different containers, even if they are shared.
+    Time and memory are linear in the number of different containers, even if containers are shared.
     """
     # This is a depth-first search without recursion. `known` has the finished containers by id. `open_now`
     # has the ids of the containers on the path.

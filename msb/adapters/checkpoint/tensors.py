@@ -1,9 +1,9 @@
 """Storages and tensors of a checkpoint as read-only NumPy views of the mapped file.
 
-A tensor is a window of a storage (a flat array): an offset, and a size and a stride for each axis, in
-elements. Before NumPy uses these numbers, Python integers check them without overflow. Sources for the
-format: pytorch/pytorch, `torch/_utils.py` (the arguments of a tensor) and `torch/serialization.py`
-(persistent ids).
+A tensor is a window of a storage (a flat array). The window has an offset, and a size and a stride for each
+axis, all in elements. Python integers check the window without overflow before NumPy uses the numbers.
+Sources for the format: pytorch/pytorch, `torch/_utils.py` (the arguments of a tensor) and
+`torch/serialization.py` (persistent ids).
 """
 
 from __future__ import annotations

@@ -127,8 +127,8 @@ class _Arrays:
     def add_positions(self, asset: Asset, packed: Packed) -> None:
         """Add the positions of the asset and the positions of the plan. 2DTS plans have shrunk positions.
 
-        2DTS shrinks triangles about their centroids. Shrunk positions compress badly, because they do not lie
-        on a regular grid. If the page can compute the shrunk positions exactly, only the shrink factor is
+        2DTS shrinks triangles about their centroids. Shrunk positions compress badly, because they are not on
+        a regular grid. If the page can compute the shrunk positions exactly, only the shrink factor is
         stored.
         """
         stored = np.asarray(asset.buffers["positions"], np.float32)
@@ -376,7 +376,7 @@ def _required_limit(buffers: Iterable[tuple[int, tuple[str, ...]]], maximum: int
 def _shrink_factor(stored: NDArray[np.float32], plan_positions: NDArray[np.float32]) -> float | None:
     """Return the float32 factor by which triangles were shrunk about their centroids, or None.
 
-    Both arrays (3F, 3) have the three corners of each triangle in consecutive rows.
+    Both arrays are (3F, 3), with three consecutive rows per triangle.
     """
     triangles, shrunk = stored.reshape(-1, 3, 3), plan_positions.reshape(-1, 3, 3)
     center = ((triangles[:, 0] + triangles[:, 1] + triangles[:, 2]) / np.float32(3))[:, None]

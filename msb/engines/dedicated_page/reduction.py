@@ -34,7 +34,7 @@ def quantise(asset: Asset) -> Asset:
     """Return `asset` with positions rounded to 16 bits per chunk of neighbours, and other values to 8 bits.
 
     Faces and vertices are reordered along a space-filling curve, so that neighbours share a chunk. Faces at
-    exactly equal depths may therefore be blended in a different order.
+    exactly equal depths may then be blended in a different order.
     """
     buffers = dict(asset.buffers)
     _reorder_along_curve(asset, buffers)
@@ -107,8 +107,8 @@ def _reorder_along_curve(asset: Asset, buffers: dict[str, NDArray[Any]]) -> None
 def _morton_keys(points: NDArray[np.float32]) -> NDArray[np.uint64]:
     """Return the positions (N,) of points (N, 3) along a Morton curve, with 16 bits per axis.
 
-    The curve fills a box from the 1st to the 99th percentile of each coordinate. A few distant faces
-    therefore do not reduce the resolution.
+    The curve fills a box from the 1st to the 99th percentile of each coordinate. A few distant faces cannot
+    reduce the resolution of the curve.
     """
     low, high = np.quantile(points, [0.01, 0.99], axis=0)
     share = np.clip((points - low) / np.maximum(high - low, 1e-30), 0, 1)

@@ -11,8 +11,8 @@ The key `how` of the head names the encoding of the stream:
 - "grid": for three float32 columns: 16-bit codes, then an origin and a step for each chunk of 192 rows. The
   values are origin + code * step.
 
-Values and codes are stored column by column; each column is stored as planes: the first byte of all rows,
-then the second byte, and so on. Similar bytes are then next to each other and compress better.
+Values and codes are stored column by column. A column is stored as planes: the first byte of all rows, then
+the second byte, and so on. Similar bytes are then next to each other and compress better.
 """
 
 import zlib

@@ -35,8 +35,8 @@ class ComputePass:
     """A compute dispatch of the entry point `entry`.
 
     `groups` is the number of workgroups. If `groups` is None, the GPU reads the number at byte `indirect` of
-    the buffer `arguments`. If `groups` and `indirect` are both None, the pass runs once per pixel of the
-    band, in workgroups of 64 pixels of a row.
+    the buffer `arguments`. If `groups` and `indirect` are both None, the pass has one invocation per pixel of
+    the band. Each workgroup then has 64 pixels of a row.
     """
 
     stage: str

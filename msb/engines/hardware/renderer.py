@@ -26,8 +26,8 @@ from msb.scenes.colors import Color
 # Texture formats of the render targets: float32 or half floats for blending, or face numbers for a z-buffer.
 FLOAT, HALF, NUMBERS = "rgba32float", "rgba16float", "r32uint"
 _BLENDS = {FLOAT: "float32", HALF: "half floats"}
-# Maximum number of samples of a band, by format. The maximum number of samples limits the memory of the
-# render targets: 256 MiB for blending (colour and depth), 128 MiB for face numbers with their depths.
+# Maximum number of samples of a band, by format. The limit bounds the memory of the render targets: 256 MiB
+# for colour and depth, or 128 MiB for face numbers and their depths.
 _ROOM = {FLOAT: 1 << 23, HALF: 1 << 24, NUMBERS: 1 << 24}
 
 
@@ -166,8 +166,8 @@ class HardwareRenderer:
     def _run_by_stage(self) -> DrawTime:
         """Submit each stage separately and time it with the wall clock, for software adapters.
 
-        Lavapipe writes the timestamps of a compute pass only at the next draw, so they are useless here.
-        Waiting for each stage costs no extra time with a software adapter.
+        Lavapipe writes the timestamps of a compute pass only at the next draw, so its timestamps are useless
+        here. Waiting for each stage costs no extra time with a software adapter.
         """
         spent: dict[str, float] = {}
         begun = time.perf_counter()

@@ -115,7 +115,7 @@ def diffsoup_projection(
     layout : {"colmap", "synthetic"}
         "colmap": NDC y grows downwards, and the vertical principal point has the official sign, which is the
         opposite of the correct one. "synthetic": NDC y grows upwards. The official code assumes a principal
-        point in the middle; this function uses the camera's principal point.
+        point in the middle, but this function supports any principal point.
     near, far : float
         Camera depths in scene units that become NDC -1 and 1.
 
@@ -148,8 +148,8 @@ def diffsoup_projection(
 
 
 def lattices(asset: Asset, dtype: type[Any]) -> tuple[int, Reals, Reals]:
-    """Return the level, the features (F, S, 7) and the opacity (F, S) of the lattices; a byte v becomes v /
-    255."""
+    """Return the level, the features (F, S, 7) and the opacity (F, S) of the lattices. A byte v becomes
+    v / 255."""
     level, count = check_level(asset.manifest.appearance.get("level"), asset.path), asset.manifest.face_count
     lattice, opacity = (
         array.astype(dtype) / dtype(255) if array.dtype == np.uint8 else array.astype(dtype, copy=False)
@@ -172,8 +172,8 @@ def rasterize(
     """Return the z-buffer of triangles with clip coordinates (F, 3 corners, 4).
 
     The face with the nearest NDC depth is visible. At equal depths, the face with the lowest number is
-    visible. Depths are compared as float32(depth + 2), like the official key. Nearly equal depths are
-    therefore equal, even in float64.
+    visible. Depths are compared as float32(depth + 2), like the official key. Depths that differ by less than
+    this rounding are equal, even in float64.
     """
     shape, dtype = (len(rows), len(columns)), corners.dtype
     seen = ZBuffer(
@@ -212,8 +212,8 @@ def box_pixels(
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]:
     """Yield the pixels in the boxes (F, 4) of the ascending `faces`: face, column and row, (n,) each.
 
-    Several faces are in one batch if they have at most `_TOGETHER` pixels in total. The pixels of a face
-    are never split over two batches.
+    Faces with at most `_TOGETHER` pixels in total share a batch. The pixels of a face are never split over
+    two batches.
     """
     left, right, top, bottom = boxes[faces].T
     across = right - left + 1
@@ -236,8 +236,8 @@ def pixel_boxes(
     """Return which of F triangles are dropped, and the boxes of the others.
 
     A box (F, 4) holds the first and last column, and the first and last row. A triangle with a corner at or
-    behind the camera plane is dropped. With `clips`, such a triangle is kept, and its box is the whole image.
-    The test of the NDC depth removes the part behind the plane.
+    behind the camera plane is dropped. With `clips`, a dropped triangle is kept instead, and its box is the
+    whole image. The test of the NDC depth removes the part behind the plane.
     """
     w = corners[..., 3]
     behind = ~(w > 0)
@@ -291,8 +291,8 @@ def fragments(corners: Reals, u: Reals, v: Reals) -> tuple[Reals, Reals, Reals, 
 def interpolate(lattice: Reals, faces: NDArray[Any] | int, level: int, b0: Reals, b1: Reals) -> Reals:
     """Return lattices (F, S, C) of `faces` at barycentric coordinates (n,), interpolated between three nodes.
 
-    Lattice node (x, y) has b0 = x / 2^level and b1 = y / 2^level. It is sample s(s + 1)/2 + y, where s = x +
-    y.
+    Lattice node (x, y) has b0 = x / 2^level and b1 = y / 2^level. The lattice node is sample s(s + 1)/2 + y,
+    where s = x + y.
     """
     side = 2**level
     u, v = b0 * side, b1 * side

@@ -1,8 +1,8 @@
 """Read MeshSplatting: ``point_cloud/iteration_N/point_cloud_state_dict.pt`` or a mesh PLY.
 
 Layout: meshsplatting/mesh-splatting at 608e5d0 (scene/triangle_model.py, create_ply.py). All parameters are
-per vertex, except sigma, which is global. This adapter also reads files of Triangle Splatting+. These files
-have no `pixel_count` and are otherwise equal.
+per vertex, except sigma, which is global. This adapter also reads files of Triangle Splatting+. Files of
+Triangle Splatting+ lack only `pixel_count`.
 """
 
 import math

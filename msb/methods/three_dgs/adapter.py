@@ -63,7 +63,7 @@ def read_splats(place: Place, content: Content, options: Options, *, method: str
     settings.add("sh_degree", gaussians.degree, "checkpoint", place.file)
     if gaussians.antialiased is not None and "antialiased" in declared.settings:
         settings.add("antialiased", gaussians.antialiased, "checkpoint", place.file)
-    # Only the output folder of a training has a config; other files normally have none.
+    # Only the output folder of a training has a config; single files normally have none.
     arguments, files, warnings = read_cfg_args(place.root)
     if not files and place.root == place.file.parent:
         warnings = []

@@ -1,5 +1,5 @@
-"""Triangle Splatting+ is the predecessor of MeshSplatting. Its file layout and image formation are nearly
-those of MeshSplatting."""
+"""Triangle Splatting+ is the predecessor of MeshSplatting. The two methods have nearly the same file layout
+and image formation."""
 
 from dataclasses import replace
 

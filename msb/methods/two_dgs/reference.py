@@ -127,8 +127,8 @@ def render(
 
 
 def _homography(discs: Activated, view: SplattingCamera) -> tuple[Reals, Reals, Reals]:
-    """Return Tu, Tv, Tw (N, 3). The products of Tu, Tv, Tw with (u, v, 1) are x depth, y depth and depth,
-    where x and y are in samples."""
+    """Return Tu, Tv, Tw (N, 3). The products of Tu, Tv and Tw with (u, v, 1) are x times depth, y times
+    depth, and depth. The positions x and y are in samples."""
     full, real = view.full_projection, discs.mean.dtype.type
     columns = [*(discs.rotation[:, :, k] * discs.deviation[:, k : k + 1] for k in range(2)), discs.mean]
 
@@ -143,8 +143,8 @@ def _homography(discs: Activated, view: SplattingCamera) -> tuple[Reals, Reals, 
 
 
 def _find_box(tu: Reals, tv: Reals, tw: Reals, cutoff: Any) -> tuple[Reals, Reals, NDArray[np.bool_]]:
-    """Return the centres and half sides (N, 2) of the boxes around discs of radius `cutoff`, and a mask of
-    the discs that have a box."""
+    """Return the centres and half sides (N, 2) of the boxes around N discs of radius `cutoff`. Also return a
+    mask of the discs that have a box."""
     real = tw.dtype.type
     t = np.array([cutoff * cutoff, cutoff * cutoff, -1], real)
     d = dot(np.broadcast_to(t, tw.shape), tw * tw)

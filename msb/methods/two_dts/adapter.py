@@ -204,7 +204,7 @@ class _PlainLoader(yaml.SafeLoader):
 def read_config(root: Path, given: Path | None) -> tuple[dict[str, Any], tuple[Path, ...], list[Finding]]:
     """Return the configuration of a 2DTS training, the files read, and warnings.
 
-    The first existing file is used: the file `given`, a YAML file in the output folder `root`, or the
+    The first existing file is used, in this order: `given`, a YAML file in the output folder `root`, the
     latest text log in ``root/log``. The result is a nested dictionary such as ``{"model": {...}, "trainer":
     {...}}``.
     """

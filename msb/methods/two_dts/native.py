@@ -21,7 +21,7 @@ _CHUNK = 1 << 16
 def rescale(positions: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
     """Return triangles (3 F, 3), shrunk about their centroids.
 
-    With this factor the total opacity is the same for every gamma.
+    The factor keeps the total opacity equal for every gamma.
 
     The scale factor is 1 / sqrt(2^b b Gamma(b)) with b = 1 / gamma, computed in double and rounded
     (GaodeRender/triangle-splatting: src/diff_recon/models/VanillaTS_model.py).

@@ -113,7 +113,7 @@ def render(
 def rescale(vertices: Reals, gamma: float) -> Reals:
     """Return triangles (F, 3, 3), shrunk about their centroids.
 
-    With this factor the total opacity is the same for every gamma.
+    The factor keeps the total opacity equal for every gamma.
 
     The scale factor is 1 / sqrt(2^b b Gamma(b)) with b = 1 / gamma, computed in double and rounded.
     """
@@ -161,7 +161,7 @@ def bounds(points: Reals, width: int, height: int) -> tuple[Rectangles, Reals]:
 def project(points: Reals, view: SplattingCamera) -> Reals:
     """Return normalised device coordinates of points (..., 3); the divisor is |w| + eps instead of w.
 
-    Therefore points behind the camera have a negative z and fail the near test.
+    Points behind the camera then have a negative z and fail the near test.
     """
     h = transform(view.full_projection, points)
     return np.asarray(h[..., :3] * (1 / (np.abs(h[..., 3:]) + h.dtype.type(EPS))))
@@ -191,7 +191,7 @@ class AffineRasterizer:
         length = norm(normal)
         self.dropped |= length < eps
         self.normal = normal / length[:, None]
-        # Subtract the projected centroid from the corners, and move them outwards by half a sample.
+        # Subtract the projected centroid from the corners. Then move the corners outwards by half a sample.
         z = self.depth[:, None, None]
         flat = (arms[..., :2] - arms[..., 2:] * clamped[:, None] / z) / (z * view.tan_fov)
         reach = norm(flat)[..., None]
@@ -284,8 +284,8 @@ class EngineRasterizer:
 
 
     Graphics hardware draws nothing outside a triangle, but the falloff of this method extends beyond the
-    edges. Therefore each triangle is enlarged about its centroid until it contains the whole falloff. An
-    engine can do this in a vertex shader.
+    edges. Each triangle is enlarged about its centroid until it contains the whole falloff. An engine can do
+    this in a vertex shader.
 
     `AffineRasterizer` explains the attributes. The attribute `radius` is 0. Pass the result of the function
     `reach` as `reached` (F,).

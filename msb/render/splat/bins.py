@@ -74,8 +74,8 @@ class DepthSort:
         order = self._by_depth(depths, places)
         if self.by_rows or self._settle(projected, *order):
             return order[1]
-        # Too many depths are equal, for example in a plane parallel to the image, so sort by number first,
-        # then stably by depth.
+        # If too many depths are equal, sort by number first, then stably by depth. Depths are equal in a
+        # plane parallel to the image.
         places = self._by_number(projected, depths, places)
         arguments = places, projected.keys, depths, np.uint32(places.size)
         self._program.depths_of(places.size, WORK_GROUP, *arguments)

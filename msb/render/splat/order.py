@@ -27,7 +27,7 @@ FACE_GROUP = 64
 _AXIS_BITS = 18
 # Bits of a sort key for the face size, which is the exponent of the inradius.
 _SIZE_BITS = 8
-# Number of rows that are permuted at a time; they fit into the processor's cache.
+# Number of rows that are permuted at a time; this number of rows fits into the processor's cache.
 _PIECE = 1 << 14
 # Placeholder for an array that the kernels of a method do not read.
 _NOTHING = np.zeros(1, np.float32)
@@ -56,8 +56,8 @@ def few_frames() -> Iterator[None]:
 def keep_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays) -> None:
     """Keep a model of `count` faces on the device in stored order.
 
-    The scope receives every array under its name. The scope also receives "numbers" (uint32, the face
-    number of each row), "bounds" and, in CPU style, "groups"; splat_bounds.cl describes the last two.
+    The scope receives every array under its name. The scope also receives "numbers", the face number of each
+    row as uint32. It further receives "bounds" and, in CPU style, "groups", which splat_bounds.cl describes.
     `program` is the method's program.
     """
     kept, device = scope.kept, scope.device
@@ -121,7 +121,7 @@ def _round_to_lanes(device: Device, count: int) -> int:
 
 
 def _compute_bounds(scope: DeviceScope, program: Program, count: int) -> None:
-    """Compute the bounding spheres of faces and groups; they cull most faces outside the view."""
+    """Compute the bounding spheres of faces and groups of faces, which cull most faces outside the view."""
     kept, style = scope.kept, scope.device.style
     bounds = kept["bounds"]
     faces, stride = np.uint32(count), np.uint32(bounds.shape[1])

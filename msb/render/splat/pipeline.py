@@ -238,7 +238,7 @@ class SplattingPipeline(OnDevice):
         (F, 4) float64, or (F, 1) without a picture
             The last column is the sum of the face's weights (alpha times transmittance) over all pixels. The
             first three columns are the weighted sums of the picture's red, green and blue. The weight in a
-            pixel is the mean over its samples, so the weights of all faces add up to the alpha of the frame.
+            pixel is the mean over its samples. The weights of all faces add up to the alpha of the frame.
         """
         device, seen = self._device, self._list(camera)
         share = self._build_program(EXTRAS=False, EARLY_STOP=self._early_stop, SHARES=True).share
@@ -250,8 +250,8 @@ class SplattingPipeline(OnDevice):
         pairs = seen.lists.pairs
         sums = self._scratch("share sums", (max(pairs, 1), 4))
         sums.fill(0)
-        # For each band, copy the picture's pixels to the samples. Then add up the weighted colours of each
-        # list entry.
+        # For each band, copy the picture's pixels to the samples. Add up the weighted colours of each list
+        # entry.
         for band in self._bands(camera, seen, len(_SPREAD_PLANES)):
             _, height, width = band.samples.shape
             record = self._band_record(band, camera.width)
@@ -269,7 +269,7 @@ class SplattingPipeline(OnDevice):
         return np.stack([np.bincount(faces, column, minlength=self._count) for column in columns], axis=1)
 
     def _list(self, camera: Camera) -> _Listed:
-        """Project the faces and list them by tile; this waits for the two counts of the lists."""
+        """Project the faces and list them by tile. The call waits for the two counts of the lists."""
         model, device = self._model, self._device
         record = make_view(
             camera,

@@ -89,10 +89,10 @@ def make_view(
     a coordinate along each axis.
 
     The 3DGS family projects with tan(fov / 2) and the float32 product P W, whose terms are added from first
-    to last. The camera centre is computed from the float32 W in double precision and rounded, because the
-    last bits of the official float32 inverse depend on the linear algebra library. The official code
-    ignores the principal point. This function adds the offset of the principal point from the image centre to
-    the sample positions. Adding a distance of 0 has no effect. Sources: GaodeRender/triangle-splatting:
+    to last. The camera centre is computed from the float32 W in double precision, and rounded. The last bits
+    of the official float32 inverse depend on the linear algebra library. The official code ignores the
+    principal point. This function adds the offset of the principal point from the image centre to the sample
+    positions. Adding a distance of 0 has no effect. Sources: GaodeRender/triangle-splatting:
     src/diff_recon/utils/camera.py; trianglesplatting/triangle-splatting: utils/graphics_utils.py,
     scene/cameras.py.
     """

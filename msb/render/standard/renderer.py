@@ -91,10 +91,10 @@ class StandardRenderer(OnDevice):
     ) -> Frame:
         """Draw the asset from `camera` over `background` (RGB in the asset's colour space).
 
-        With supersampling, image and alpha are means over the samples of a pixel; depth and face belong to
-        the nearest sample of the pixel. Without supersampling, `out` may be a frame of this size that is no
-        longer needed. The function overwrites the arrays of `out`. Passing `out` saves time, because the
-        first access to new memory takes longer than the copy.
+        With supersampling, image and alpha are means over the samples of a pixel. Depth and face are those of
+        the nearest sample. Without supersampling, `out` may be a frame of this size that is no longer needed.
+        The function overwrites the arrays of `out`. Passing `out` saves time, because the first access to new
+        memory takes longer than the copy.
         """
         reused = {} if out is None or self._supersample > 1 else vars(out)
         with self._device.timing() as timing:
@@ -252,9 +252,9 @@ def _tile_size(width: int, height: int, processors: int) -> tuple[int, int]:
 def view_record(camera: Camera) -> NDArray[np.float32]:
     """Return the camera record of zbuffer_math.cl, (VIEW_WORDS,) float32, computed in float64.
 
-    The centre of the camera is split into its nearest float32 and a remainder, so that a camera far from
-    the origin loses no precision. The kernels subtract the first part before they rotate a point. The
-    remainder is rotated here; the kernels add it afterwards.
+    The camera's centre is split into its nearest float32 and a remainder. A camera far from the origin then
+    loses no precision. The kernels subtract the float32 part before they rotate a point. The remainder is
+    rotated here; the kernels add it afterwards.
     """
     rotation = camera.world_to_camera[:3, :3]
     # the transpose would be inexact, because rotations are orthonormal only to 1e-4

@@ -60,7 +60,7 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
     texels = device.share(np.zeros((count, 4), np.uint16), "standard textures", "appearance")
     rows = np.zeros((_FIRST_ROW + _TEXTURE_ROWS * len(sizes), 4), np.int32)
     wraps = (_WRAPS[wrap] for wrap in (sampler.wrap_u, sampler.wrap_v))
-    # Rows 0 and 1: filter, mip maps and wrap modes; the alpha cutoff, and whether vertex colours and several
+    # Row 0: filter, mip maps and wrap modes. Row 1: the alpha cutoff, and whether vertex colours and several
     # textures exist.
     rows[0] = (sampler.filter == "nearest", sampler.mipmaps, *wraps)
     several = textured.face_texture is not None

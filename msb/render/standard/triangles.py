@@ -93,8 +93,8 @@ def make_triangles(
     """Upload the triangles of `asset` to `device` in drawing order.
 
     If `moving` is true, the source arrays stay on the device. To move triangles, write to the source arrays
-    and call `fill`. Triangles are sorted by their first positions. Moved triangles are always drawn
-    correctly. Drawing stays fast while they are near their first positions.
+    and call `fill`. Triangles are sorted by their positions at the first call. Moved triangles are always
+    drawn correctly. Drawing stays fast while the triangles are near their first positions.
     """
     positions, indices = asset.buffers["positions"], asset.buffers["indices"]
     listed = select_faces(asset, settings.get("ste_threshold"))
