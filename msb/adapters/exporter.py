@@ -163,7 +163,7 @@ def _without_bad_faces(model: Model, reject: str) -> Model:
     code, file = "MESH_NONFINITE" if is_mesh else "CHECKPOINT_NONFINITE", model.files[0]
     for name, array in model.buffers.items():
         if model.domains.get(name) == "global" and (rows := find_bad_rows(array)) is not None:
-            text = f"{name} is not finite in row {int(np.argmax(rows))}, and it belongs to all faces"
+            text = f"{name} is not finite in row {int(np.argmax(rows))}, which affects all faces"
             raise CheckpointError("CHECKPOINT_NONFINITE", text, file=file, pointer=name)
     check_indices(model.buffers["indices"], len(model.buffers["positions"]), file)
     bad, names = find_bad_faces(model.buffers, model.domains)
@@ -180,7 +180,7 @@ def _without_bad_faces(model: Model, reject: str) -> Model:
         text = f"{what}; an asset must have finite coordinates, and at least one face"
         raise CheckpointError(code, text, file=file)
     buffers = keep_faces(model.buffers, model.domains, ~bad)
-    text = f"{what}; they are left out" if count else "vertices that no face uses are not finite; left out"
+    text = f"{what}; they are left out" if count else "removed unused vertices that are not finite"
     warning = finding(code, text, severity="warning", value=count)
     return replace(model, buffers=buffers, warnings=(*model.warnings, warning))
 

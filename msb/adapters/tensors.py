@@ -76,7 +76,7 @@ class Tensors:
         if array.size and not 0 <= int(array.min()) <= int(array.max()) < vertices:
             at = np.argwhere((array < 0) | (array >= vertices))[0].tolist()
             value = int(array[tuple(at)])
-            text = f"{key}{at} is {value}; it must be 0 to {vertices - 1}"
+            text = f"{key}{at} is {value}; it must be from 0 to {vertices - 1}"
             raise self.error("CHECKPOINT_LAYOUT", text, f"{key}{at}")
         return array.astype(np.uint32)
 

@@ -86,7 +86,7 @@ def how_to_get_a_device() -> str:
         if cache and not _is_writable(Path(cache)):
             return f"{_POCL_CACHE}={shorten(cache)} is not writable, so PoCL has no device; unset it"
         if os.environ.get(_POCL_DEVICES):
-            return f"{_POCL_DEVICES} names no device of PoCL; unset it"
+            return f"{_POCL_DEVICES} names a device that PoCL does not have; unset it"
     user = os.environ.get(VENDOR_VARIABLE)
     if user and not Path(user).exists():
         return f"{VENDOR_VARIABLE} names a missing folder, which hides all platforms; unset it"
@@ -150,7 +150,7 @@ def _find_missing_entries() -> dict[str, str]:
         missing = _preload(intel.parent)
         if user:
             _notes.append(
-                f"{VENDOR_VARIABLE} is set, so {INTEL_PACKAGE} is found only if that folder lists it"
+                f"{VENDOR_VARIABLE} names a folder; {INTEL_PACKAGE} is found only if this folder lists it"
             )
         elif missing:
             _notes.append(f"{INTEL_PACKAGE} requires {missing}: {install('intel')}")

@@ -271,7 +271,7 @@ def blender_camera(camera: Camera, turn: NDArray[np.float64]) -> dict[str, Any]:
         text = f"Blender renders {_MIN_SIDE} to {_MAX_SIDE} pixels per side, not {width} x {height}"
         raise Unsupported("UNSUPPORTED_CAMERA", text)
     if max(aspect) > _MAX_ASPECT:
-        text = f"fx / fy is {ratio:g}; Blender allows pixel aspect ratios up to {_MAX_ASPECT:g}"
+        text = f"the pixel aspect ratio fx / fy is {ratio:g}; Blender allows at most {_MAX_ASPECT:g}"
         raise Unsupported("UNSUPPORTED_CAMERA", text)
     sensor = max(_SENSOR, 2 * width / camera.fx)
     return {

@@ -119,7 +119,7 @@ def _program(view: memoryview, member: Member) -> bytes:
     program = bytes(view[member.offset : member.offset + member.size])
     # torch can omit checksums. If torch omits checksums, it writes 0.
     if member.crc and zlib.crc32(program) != member.crc:
-        text = f"data.pkl has CRC-32 {zlib.crc32(program):08x}, but {member.crc:08x} in the archive"
+        text = f"data.pkl has CRC-32 {zlib.crc32(program):08x}, but the archive states {member.crc:08x}"
         raise Refusal("CHECKPOINT_DAMAGED", text, at=f"byte {member.offset}")
     return program
 

@@ -101,7 +101,7 @@ def _places(view: memoryview, position: int, keys: Any, declared: DeclaredStorag
             raise Refusal("CHECKPOINT_DAMAGED", f"the file ends before storage {key} is complete", at=at)
         (count,) = _COUNT.unpack_from(view, position)
         if count != storage.count:
-            text = f"storage {key} has {count} elements, but {storage.count} in the pickle"
+            text = f"storage {key} has {count} elements, but the pickle declares {storage.count}"
             raise Refusal("CHECKPOINT_DAMAGED", text, at=at)
         places[key] = Extent(position + _COUNT.size, length)
         position = end

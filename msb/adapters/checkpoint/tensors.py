@@ -136,7 +136,7 @@ class Storages:
         offset, length = self.places[key]
         wanted = count * kind.dtype.itemsize
         if length != wanted:
-            text = f"storage {key} has {length} bytes, but {_count(count)} x {kind.name} in the pickle"
+            text = f"storage {key} has {length} bytes, but the pickle declares {_count(count)} x {kind.name}"
             raise Refusal("CHECKPOINT_DAMAGED", text)
         if kind.dtype == np.bool_ and length and np.frombuffer(self.view, np.uint8, length, offset).max() > 1:
             raise Refusal("CHECKPOINT_DAMAGED", f"storage {key} has booleans other than 0 and 1")

@@ -72,7 +72,7 @@ def diffsoup_model(asset: Asset, *, quantise: bool = False) -> DiffSoupModel:
     features = required_buffer(asset, "features.lattice", faces, samples(level), FEATURES)
     opacity = required_buffer(asset, "features.opacity", faces, samples(level))
     if features.dtype != opacity.dtype:
-        text = f"features.lattice is {features.dtype}, features.opacity {opacity.dtype}; they must be equal"
+        text = f"features.lattice is {features.dtype}, but features.opacity is {opacity.dtype}; use one type"
         raise AssetError("TRIASSET_BUFFER", text, file=asset.path, pointer="/buffers/features.opacity")
     if quantise:
         features, opacity = _as_bytes(features), _as_bytes(opacity)

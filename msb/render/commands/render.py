@@ -32,9 +32,7 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene
 
-_SCENE_CONFLICT = (
-    "cannot be used with --scene, which draws the evaluation views of the scene at their evaluation size"
-)
+_SCENE_CONFLICT = "cannot be used with --scene, which sets the views and the image size"
 
 
 @dataclass(frozen=True)

@@ -167,7 +167,7 @@ def _sort_by_tile(
     exclusive_scan(device, counts, offsets, listed)
     pairs = int(offsets.read(start=listed)[0])
     if pairs > MOST:
-        text = f"the image needs {pairs} pairs of tile and face; {MOST} can be sorted: render a smaller image"
+        text = f"the image needs {pairs} tile pairs, but at most {MOST} can be sorted; render a smaller image"
         raise DeviceError("DEVICE_MEMORY", text)
     starts = device.scratch("splat tile starts", tiles + 1, np.uint64)
     pair_tiles = device.scratch("splat pair tiles", max(pairs, 1), np.uint32)

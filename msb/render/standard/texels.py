@@ -54,7 +54,7 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
     # Every level has one more row and one more column than its image, for the texels beyond the wrapped edge.
     count = sum((height + 1) * (width + 1) for levels in sizes for height, width in levels)
     if count > _MOST:
-        text = f"the textures have {count:,} texels with their mip levels; a device accepts {_MOST:,}"
+        text = f"the textures have {count:,} texels with their mip levels; a device accepts at most {_MOST:,}"
         raise DeviceError("DEVICE_MEMORY", text)
     # np.zeros allocates huge pages, which the device uses if it shares the host's memory.
     texels = device.share(np.zeros((count, 4), np.uint16), "standard textures", "appearance")
