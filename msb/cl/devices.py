@@ -180,7 +180,7 @@ def _match(records: Sequence[DeviceRecord], selector: str, source: str) -> list[
     # PYOPENCL_CTX may list several devices, separated by commas; only the first is used.
     platform, colon, index = text.partition(",")[0].partition(":")
     if not platform or (colon and not index) or ":" in index:
-        text = f"{_quote(selector, source)} is not a device selector; use cpu, gpu or PLATFORM:INDEX (msb devices)"
+        text = f"{_quote(selector, source)} is not a device selector; use cpu, gpu or PLATFORM:INDEX"
         raise UsageError("DEVICE_SELECTOR", text)
     on_platform = [record for record in records if _is_on(record, platform)]
     if not colon:

@@ -64,8 +64,7 @@ class WebOptions:
     renders: Annotated[
         Path | None,
         Option(
-            "With --cameras: compare the page with the official images in DIR, which are named like the "
-            "cameras.",
+            "With --cameras: compare the page with the official images in DIR. A file name is a camera name.",
             metavar="DIR",
         ),
     ] = None

@@ -170,8 +170,8 @@ class SceneOptions:
     dataset: Annotated[
         str | None,
         Option(
-            "mipnerf360, tanksandtemples, nerf_synthetic, dtu, or another name for a capture without rules "
-            "of a dataset. Default: recognised by folders and photographs.",
+            "mipnerf360, tanksandtemples, nerf_synthetic, dtu, or another name for other captures. "
+            "Default: recognised by folders and photographs.",
             metavar="NAME",
         ),
     ] = None
