@@ -1,9 +1,10 @@
 // Types that the audit kernels share: the record of a face corner, and the counts and lists of a work-item.
 
-// The record of a corner: its vertex, the two other vertices in the order of the face, and the face. Faces
-// with a repeated index take part only in the search for duplicates and for shared vertices. Such a face
-// has a record at each of its distinct vertices. At the lowest vertex of such a face, y and z are the other
-// two vertices in ascending order. At the other vertex of such a face, the record is marked COPY.
+// The record of a corner: its vertex, the two other vertices in the order of the face, and the face.
+// Faces with a repeated index take part only in the search for duplicates and for shared vertices.
+// Such a face has a record at each of its distinct vertices.
+// At the lowest vertex of such a face, y and z are the other two vertices in ascending order.
+// At the other vertex of such a face, the record is marked COPY.
 typedef uint4 Record;
 #define IMPROPER 0x80000000u
 #define COPY 0x40000000u
@@ -21,9 +22,10 @@ typedef uint4 Record;
 #define LOWEST_BIT_OF_LONG(x) ((uint)(63 - clz((x) & -(x))))
 #endif
 
-// The host code msb/topology/kernel.py sets four sizes. SAMPLES is the number of listed elements of each
-// kind. A table counts vertices with fewer than VALENCES edges, and a list holds the valences of other
-// vertices. MOST is explained in audit_small.cl, and PAIRS in audit_pairs.cl.
+// The host code msb/topology/kernel.py sets four sizes.
+// SAMPLES is the number of listed elements of each kind.
+// A table counts vertices with fewer than VALENCES edges, and a list holds the valences of other vertices.
+// MOST is explained in audit_small.cl, and PAIRS in audit_pairs.cl.
 
 #define NONMANIFOLD_EDGES 0 // kinds of listed edges
 #define BOUNDARY_EDGES 1
@@ -106,8 +108,9 @@ void count_valence(Visit *visit, uint valence)
         visit->valences[atomic_inc(visit->next_valence)] = valence;
 }
 
-// Count vertex v by kind. The number `most` is the largest number of faces at an edge of v; `in_groups`
-// tells whether the faces of v form several groups.
+// Count vertex v by kind.
+// The number `most` is the largest number of faces at an edge of v; `in_groups` tells whether the faces of v
+// form several groups.
 void count_fans(Visit *visit, uint v, uint most, int in_groups)
 {
     __global Tally *t = visit->tally;

@@ -1,10 +1,10 @@
-// This file solves the equations of msb/bake/texture_equations.py by conjugate gradients, for red, green
-// and blue together, in x, y and z. Each work-item handles RUN consecutive texels, so sums are equal in
-// every run. msb/bake/texture_equations.py defines RUN, and NOTHING, the residual below which a solution is
-// exact.
+// This file solves the equations of msb/bake/texture_equations.py by conjugate gradients, for red, green and
+// blue together, in x, y and z.
+// Each work-item handles RUN consecutive texels, so sums are equal in every run.
+// msb/bake/texture_equations.py defines RUN, and NOTHING, the residual below which a solution is exact.
 
-// Tie neighbouring texels of a chart to each other, and tie a texel without neighbours to its current
-// value. Without these ties, texels that no image shows could take arbitrary values.
+// Tie neighbouring texels of a chart to each other, and tie a texel without neighbours to its current value.
+// Without these ties, texels that no image shows could take arbitrary values.
 __kernel void tie(__global const int *charts, float weight, int side, __global float8 *equations, uint count)
 {
     size_t i = get_global_id(0);
@@ -18,7 +18,8 @@ __kernel void tie(__global const int *charts, float weight, int side, __global f
 }
 
 // Add the contributions of smaller levels to the right-hand sides of a level, from `start` on, and to the
-// level's diagonal in w. The next smaller level begins at `next`; 0 marks the smallest level.
+// level's diagonal in w.
+// The next smaller level begins at `next`; 0 marks the smallest level.
 __kernel void spread(__global float8 *equations, uint start, uint next, int side, __global float4 *direction,
     uint count)
 {
@@ -36,8 +37,9 @@ __kernel void spread(__global float8 *equations, uint start, uint next, int side
     direction[start + i] = first;
 }
 
-// Store the inverse of the diagonal in w, and set the change to zero. Turn right-hand sides into residuals;
-// return partial sums of their squares weighted by the inverse diagonal.
+// Store the inverse of the diagonal in w, and set the change to zero.
+// Turn right-hand sides into residuals; return partial sums of their squares weighted by the inverse
+// diagonal.
 __kernel void begin(__global const float8 *equations, __global float4 *direction, __global float *change,
     __global float4 *partial, uint count)
 {
@@ -67,8 +69,8 @@ __kernel void turn(__global const float8 *equations, float4 again, __global floa
     direction[i] = before;
 }
 
-// The texels of a smaller level begin at `start`; a row has `side` texels. Each texel is the average of four
-// texels of the larger level.
+// The texels of a smaller level begin at `start`; a row has `side` texels.
+// Each texel is the average of four texels of the larger level.
 __kernel void halve(__global float4 *direction, uint before, uint start, int side, uint count)
 {
     size_t i = get_global_id(0);

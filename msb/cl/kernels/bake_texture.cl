@@ -1,6 +1,6 @@
 // Equations that image pixels impose on the texels of a square texture and its smaller levels, as in
-// msb/bake/texture_equations.py. Sums are equal in every run, because the pixels of a texel are added in
-// order.
+// msb/bake/texture_equations.py.
+// Sums are equal in every run, because the pixels of a texel are added in order.
 #define LANES 1
 #include "zbuffer_math.cl"
 #include "zbuffer_texture.cl"
@@ -13,17 +13,18 @@ typedef struct {
     float x, y, share, unused;
 } Sample;
 
-// Values of a face that are constant over all pixels of a view. A position in texels is a quotient of two
-// linear functions of px and py. The array `rows` holds the factors of the denominator, then of the
-// numerators of u and v. `low` and `high` are the bounds of the face in the texture.
+// Values of a face that are constant over all pixels of a view.
+// A position in texels is a quotient of two linear functions of px and py.
+// The array `rows` holds the factors of the denominator, then of the numerators of u and v.
+// `low` and `high` are the bounds of the face in the texture.
 typedef struct {
     float rows[3][3], low[2], high[2];
     int is_long;
     float unused[2];
 } Ways;
 
-// The arrays `corners` and `uvs` hold three corners per face. The volumes are defined as in the function
-// weights_and_steps.
+// The arrays `corners` and `uvs` hold three corners per face.
+// The volumes are defined as in the function weights_and_steps.
 __kernel void faces(__global const float *corners, __global const float *uvs, __constant float *view, int side,
     __global Ways *ways, uint count)
 {
@@ -58,9 +59,10 @@ __kernel void faces(__global const float *corners, __global const float *uvs, __
     ways[face] = ways_of_face;
 }
 
-// Each pixel has a sample in each of two neighbouring levels. The key of a sample is the first of its four
-// texels, or `none`. `errors` is the difference to the training image; `starts` holds the number of the first
-// texel of each level.
+// Each pixel has a sample in each of two neighbouring levels.
+// The key of a sample is the first of its four texels, or `none`.
+// `errors` is the difference to the training image; `starts` holds the number of the first texel of each
+// level.
 __kernel void samples(__global const float *corners, __global const float *uvs, __constant float *view,
     __global const Ways *ways, __global const int *faces, __global const float *image, __global const ushort *target,
     __global const int *starts, int side, int levels, int width, uint none, __global uint *keys,

@@ -1,6 +1,7 @@
-// One pass of a stable radix sort in CPU style. Each work-item processes a contiguous chunk with a private
-// histogram. The type KEY is uint or ulong. A pass sorts by the digit (key >> shift) & mask, where mask <
-// DIGITS.
+// One pass of a stable radix sort in CPU style.
+// Each work-item processes a contiguous chunk with a private histogram.
+// The type KEY is uint or ulong.
+// A pass sorts by the digit (key >> shift) & mask, where mask < DIGITS.
 
 #define DIGIT(key) ((uint)((key) >> shift) & mask)
 

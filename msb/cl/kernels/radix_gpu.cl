@@ -1,8 +1,10 @@
-// One pass of a stable radix sort in GPU style. A work-group sorts a tile of GROUP * ITEMS keys by one
-// digit in local memory, ROUND bits at a time, then writes runs of equal digits. Counting, prefix sum and a
-// rank per work-item follow Satish, Harris and Garland, Designing efficient sorting algorithms for manycore
-// GPUs (2009). The type KEY is uint or ulong. A pass sorts by the digit (key >> shift) & mask, where mask <
-// DIGITS.
+// One pass of a stable radix sort in GPU style.
+// A work-group sorts a tile of GROUP * ITEMS keys by one digit in local memory, ROUND bits at a time, then
+// writes runs of equal digits.
+// Counting, prefix sum and a rank per work-item follow Satish, Harris and Garland, Designing efficient
+// sorting algorithms for manycore GPUs (2009).
+// The type KEY is uint or ulong.
+// A pass sorts by the digit (key >> shift) & mask, where mask < DIGITS.
 
 #define SUM uint
 #include "group_scan.cl"

@@ -1,13 +1,13 @@
-// Tile lists in CPU style, by a counting sort by tile. Each work-item takes a contiguous chunk of
-// primitives in depth order.
+// Tile lists in CPU style, by a counting sort by tile.
+// Each work-item takes a contiguous chunk of primitives in depth order.
 
 #include "lanes.cl"
 #include "splat_compact.cl"
 
 #define AHEAD 32 // number of primitives to prefetch ahead, because their tiles are scattered in memory
 
-// Most primitives reach at most 2 x 2 tiles. Four steps without branches are faster than loops of
-// unpredictable length.
+// Most primitives reach at most 2 x 2 tiles.
+// Four steps without branches are faster than loops of unpredictable length.
 #define IS_SMALL(b) ((b).z - (b).x <= 2 && (b).w - (b).y <= 2)
 
 // The array `counts` is chunk-major, so chunks never write to the same cache line.
@@ -39,8 +39,8 @@ __kernel void count_tiles(__global const uint *order, __global const Tiles *tile
     }
 }
 
-// Replaces each count by the position of the chunk in the list of the tile. The totals are the lengths of the
-// lists.
+// Replaces each count by the position of the chunk in the list of the tile.
+// The totals are the lengths of the lists.
 __kernel void sum_tiles(__global uint *counts, __global uint *totals, uint chunks, uint tile_count)
 {
     size_t t = get_global_id(0);

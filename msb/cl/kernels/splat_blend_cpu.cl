@@ -1,7 +1,10 @@
-// Front-to-back blending in CPU style. A work-item per tile blends eight samples of a row at a time, with
-// private state and without barriers. PoCL does not vectorise work-items with data-dependent control flow.
-// Explicit vectors are 4 to 6 times as fast as PoCL's scalar code. Four choices speed up inner loops. Loops
-// without calls of built-in functions are 1.4 times as fast. Two rows at a time give a factor of 1.3.
+// Front-to-back blending in CPU style.
+// A work-item per tile blends eight samples of a row at a time, with private state and without barriers.
+// PoCL does not vectorise work-items with data-dependent control flow.
+// Explicit vectors are 4 to 6 times as fast as PoCL's scalar code.
+// Four choices speed up inner loops.
+// Loops without calls of built-in functions are 1.4 times as fast.
+// Two rows at a time give a factor of 1.3.
 // Prefetching faces gives 1.2, and one test instruction instead of any() also gives 1.2.
 
 #define HALVES 2 // a row of a tile is two vectors wide
@@ -19,9 +22,10 @@ typedef struct {
 #endif
 } State;
 
-// Returns whether a sample can still change. After the sample stops, its transmittance rejects all further
-// faces. This transmittance is negative if the face that crosses the threshold is rejected; otherwise it is
-// at most the threshold.
+// Returns whether a sample can still change.
+// After the sample stops, its transmittance rejects all further faces.
+// This transmittance is negative if the face that crosses the threshold is rejected; otherwise it is at most
+// the threshold.
 #if BLENDS_CROSSING
 #define RUNNING(t) ((t) > MIN_TRANSMITTANCE)
 #else
@@ -87,8 +91,8 @@ __kernel void BLEND(__constant View *view, __global const ulong *starts, __globa
     int left = column * TILE, top = (first_tile_row + band_row) * TILE;
 
 #if SHARES
-    // `blend` computes these values after its loop. In the loop they would occupy registers and cost a few
-    // percent.
+    // `blend` computes these values after its loop.
+    // In the loop they would occupy registers and cost a few percent.
     uint stride = view->columns * TILE;
     size_t plane = (size_t)stride * tile_rows * TILE;
 #endif

@@ -1,4 +1,5 @@
-// Colours of faces or vertices from spherical harmonics. The kernel file of each method includes this file.
+// Colours of faces or vertices from spherical harmonics.
+// The kernel file of each method includes this file.
 
 #define MOST_REST 72 // number of floats of f_rest at degree 4
 

@@ -1,5 +1,5 @@
-// Projection in GPU style. Each face has one work-item; the projected face is stored at the position of its
-// row.
+// Projection in GPU style.
+// Each face has one work-item; the projected face is stored at the position of its row.
 
 // `listed` is 1 if the face is listed, else 0.
 __kernel void project(__constant View *view, __global const float *bounds, __global const uint *numbers,

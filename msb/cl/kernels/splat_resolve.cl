@@ -1,9 +1,10 @@
 // Turns planes of raster samples into the pixels of a frame, for every method and style.
 //
-// The planes are 0..2 colour, 3 transmittance, 4 sum of weight times depth, 5..7 sum of weight times
-// normal, 8 median depth, 9 median face. A pixel has `scale` x `scale` samples, and uses the samples
-// first..last along each axis. A box average uses all samples. Bilinear interpolation at pixel centres uses
-// the middle one or two along each axis.
+// The planes are 0..2 colour, 3 transmittance, 4 sum of weight times depth, 5..7 sum of weight times normal,
+// 8 median depth, 9 median face.
+// A pixel has `scale` x `scale` samples, and uses the samples first..last along each axis.
+// A box average uses all samples.
+// Bilinear interpolation at pixel centres uses the middle one or two along each axis.
 #pragma OPENCL FP_CONTRACT OFF
 
 typedef struct {
@@ -74,9 +75,10 @@ __kernel void resolve_extras(__global const float *planes, __global const uint *
     face[out] = faces[(size_t)(y * b.scale + middle) * b.stride + x * b.scale + middle];
 }
 
-// The transpose of `resolve`, from an image to the samples of the raster. Plane 3 is the share of the
-// sample in its pixel, and planes 0..2 are the colour of the pixel times that share. All planes are 0
-// outside the image.
+// The transpose of `resolve`, from an image to the samples of the raster.
+// Plane 3 is the share of the sample in its pixel, and planes 0..2 are the colour of the pixel times that
+// share.
+// All planes are 0 outside the image.
 __kernel void spread(__global const float *picture, __global const uint *band, __global float *planes)
 {
     Band b = band_of(band);

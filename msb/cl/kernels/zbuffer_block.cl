@@ -1,5 +1,5 @@
-// The opaque z-buffer on a CPU within a tile. Eight triangles at once are drawn into depths and slots
-// (triangle numbers).
+// The opaque z-buffer on a CPU within a tile.
+// Eight triangles at once are drawn into depths and slots (triangle numbers).
 
 #define TINY (7 * UNIT)     // maximum extent of a triangle for edge functions in int32
 #define MEDIUM SMALL_EXTENT // maximum extent of a triangle for edge functions divided by UNIT in int32
@@ -14,8 +14,8 @@ typedef struct {
     __global int *slot;    // slot (number) of the nearest triangle
     __global float *far;   // the farthest depth in each block of pixels
     int occludes;          // whether any farthest depth is not 0
-    // approximate number of small triangles drawn since the last call of `measure`, and the limit before
-    // the next call
+    // approximate number of small triangles drawn since the last call of `measure`, and the limit before the
+    // next call
     int work, limit;
     int stride;
     int x0, y0, x1, y1;    // range of pixels of the image, ends excluded
@@ -88,8 +88,8 @@ void settle(const Tile *t, int at, float depth, int slot)
         t->slot[at] = slot;
 }
 
-// With an alpha cutoff, reject pixels with a texture alpha below the cutoff. Pixels behind `old` need no
-// test.
+// With an alpha cutoff, reject pixels with a texture alpha below the cutoff.
+// Pixels behind `old` need no test.
 #if COLORS == TEXTURES && CUTOFF
 float8 cut(const Tile *t, int8 slot, int8 x, int8 y, float8 depth, float8 old, __constant float *view)
 {
@@ -116,8 +116,8 @@ void draw_outline(Tile *t, int slot, __constant float *view)
             continue;
         if (t->occludes && hidden(t, s.x0, s.y0, s.x1, s.y1, o.high))
             continue;
-        // If the whole box is inside an edge, no division is needed. If the whole box is outside an edge, the
-        // triangle covers no pixel.
+        // If the whole box is inside an edge, no division is needed.
+        // If the whole box is outside an edge, the triangle covers no pixel.
         int cuts[3], outside = 0;
         for (int i = 0; i < 3; i++) {
             long down = s.dx[i] * (s.y1 - s.y0), right = -s.dy[i] * (s.x1 - s.x0);
@@ -160,8 +160,8 @@ void draw_outline(Tile *t, int slot, __constant float *view)
 
 // ---- eight triangles
 
-// Edge functions of eight triangles in 64 bits, divided by UNIT; the values fit into 32 bits up to the
-// extent MEDIUM.
+// Edge functions of eight triangles in 64 bits, divided by UNIT; the values fit into 32 bits up to the extent
+// MEDIUM.
 #define WIDE(a, b) (TO_LONG4(a) * TO_LONG4(b))
 int8 edge8(int8 dx, int8 dy, int8 to_x, int8 to_y)
 {
@@ -199,8 +199,8 @@ void draw_block(Tile *t, int block, __constant float *view)
     int8 u_low = min8i(min8i(U0, U1), U2), u_high = max8i(max8i(U0, U1), U2);
     int8 v_low = min8i(min8i(V0, V1), V2), v_high = max8i(max8i(V0, V1), V2);
 
-    // Select pixels with their centre in the box of the triangle; most small triangles have no such pixel
-    // in this tile.
+    // Select pixels with their centre in the box of the triangle; most small triangles have no such pixel in
+    // this tile.
     int8 x0 = max8i((u_low + (HALF - 1)) >> SUBPIXEL_BITS, (int8)t->x0);
     int8 y0 = max8i((v_low + (HALF - 1)) >> SUBPIXEL_BITS, (int8)t->y0);
     int8 w = min8i((u_high - HALF) >> SUBPIXEL_BITS, (int8)(t->x1 - 1)) - x0;
@@ -217,8 +217,8 @@ void draw_block(Tile *t, int block, __constant float *view)
     int8 medium = seen & ~odd & ~tiny & (extent < MEDIUM);
     int8 large = seen & ~tiny & ~medium;
 
-    // Edge functions are oriented so that the inside is positive. In 32 bits the sign of the area is
-    // correct only for tiny triangles.
+    // Edge functions are oriented so that the inside is positive.
+    // In 32 bits the sign of the area is correct only for tiny triangles.
     int8 dx0 = U1 - U0, dy0 = V1 - V0, dx2 = U0 - U2, dy2 = V0 - V2;
     int8 to_x = (x0 << SUBPIXEL_BITS) + HALF, to_y = (y0 << SUBPIXEL_BITS) + HALF;
     int8 covered = (int8)0; // bit 4 y + x stands for pixel (x, y) of the box
@@ -293,8 +293,8 @@ void draw_block(Tile *t, int block, __constant float *view)
         depth = mask ? depth : (float8)MASKED;
         int8 at = (base + y * t->stride + x) & mask;
         CUT(depth, slot + (int8)(0, 1, 2, 3, 4, 5, 6, 7), x0 + x, y0 + y, GATHER(float8, t->depth, at))
-        // This code has no branches, because it is unpredictable which triangle is nearer. Depths are
-        // non-negative, so comparing their bits as integers gives the same order.
+        // This code has no branches, because it is unpredictable which triangle is nearer.
+        // Depths are non-negative, so comparing their bits as integers gives the same order.
 #define KEEP(l)                                                                                                 \
     {                                                                                                           \
         int p = at.s##l, z = as_int(depth.s##l), old = ((__global int *)t->depth)[p], old_slot = t->slot[p];    \

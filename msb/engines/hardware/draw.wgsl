@@ -1,11 +1,15 @@
-// Draws a quad for each face: from front to back with blending, or (Z_BUFFER) in the order of the asset with a z-buffer.
-// The file of the method precedes this file and defines `Face`. For blending, it also defines `cover`. For a z-buffer,
-// it defines `place_of`, `number_of` and `outline`; the latter moves the corners of the quad, for example to draw a
-// triangle.
+// Draws a quad for each face: from front to back with blending, or (Z_BUFFER) in the order of the asset with a
+// z-buffer.
+// The file of the method precedes this file and defines `Face`.
+// For blending, it also defines `cover`.
+// For a z-buffer, it defines `place_of`, `number_of` and `outline`; the latter moves the corners of the quad, for
+// example to draw a triangle.
 //
 // The quad's corners lie on the borders between samples, half a sample from the nearest sample centre, so rounding in
-// the hardware does not change the set of samples. The members of `Face` are vertex attributes with one value per
-// instance, and reach the fragment stage unchanged (flat). This file reads no storage buffers, whose number is limited.
+// the hardware does not change the set of samples.
+// The members of `Face` are vertex attributes with one value per instance, and reach the fragment stage unchanged
+// (flat).
+// This file reads no storage buffers, whose number is limited.
 #include "band.wgsl"
 @group(0) @binding(1) var<uniform> band: Band;
 
@@ -54,8 +58,9 @@ fn nearest(between: Between) -> Nearest {
 }
 #else
 
-// The colour is premultiplied. The target's alpha is 1 - T, where T is the transmittance. For the first faces of a
-// sample 1 - T is near 0, where half floats are most precise.
+// The colour is premultiplied.
+// The target's alpha is 1 - T, where T is the transmittance.
+// For the first faces of a sample 1 - T is near 0, where half floats are most precise.
 struct Targets {
     @location(0) image: vec4<f32>,
 #if DEPTH
@@ -65,10 +70,12 @@ struct Targets {
 #if STOPS
 
 // Stopping of samples: the official renderer skips a face that would reduce the transmittance T below STOP, and the
-// sample is complete. Hardware cannot read T while it blends, so faces are drawn in chunks, and a fragment only knows T
-// at the start of its chunk. This T is at least the current T, so the official renderer also skips every face that is
-// skipped here. Instead of such a face, the background is blended with alpha 1. The background fills the sample, so the
-// hardware multiplies all later faces of the sample by 0.
+// sample is complete.
+// Hardware cannot read T while it blends, so faces are drawn in chunks, and a fragment only knows T at the start of its
+// chunk.
+// This T is at least the current T, so the official renderer also skips every face that is skipped here.
+// Instead of such a face, the background is blended with alpha 1.
+// The background fills the sample, so the hardware multiplies all later faces of the sample by 0.
 @group(0) @binding(2) var covered: texture_2d<f32>; // 1 - T
 #endif
 

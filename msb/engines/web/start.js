@@ -1,6 +1,6 @@
 "use strict";
-// Starts the page: applies the options in its address, opens the model and shows the first view. `loader.js` calls this
-// function after all scripts.
+// Starts the page: applies the options in its address, opens the model and shows the first view.
+// `loader.js` calls this function after all scripts.
 async function main() {
   byId("panel").hidden = query.has("bare");
   const kind = ["dedicated", "baked"].find((name) => start[name]) || "mesh";

@@ -1,6 +1,6 @@
-// Triangle-Splatting: a triangle soup with a window that falls off from the incentre to the edges. This
-// file translates triangle_splatting.cl for graphics hardware; the comments there explain more. Sources:
-// trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu.
+// Triangle-Splatting: a triangle soup with a window that falls off from the incentre to the edges.
+// This file translates triangle_splatting.cl for graphics hardware; the comments there explain more.
+// Sources: trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu.
 
 const STOP = 1e-4; // a face that would lower the transmittance T below this value is not blended
 const MAX_ALPHA = 0.99;
@@ -34,8 +34,9 @@ struct Face {
 
 fn point_seen(rows: vec3<u32>) -> vec3<f32> {
     let center = center_of(position(rows.x), position(rows.y), position(rows.z));
-    // The official kernel was meant to use the centroid. Because of an error in an expression, it uses the centroid's z
-    // for x, y and z. Models are trained with this error, so their coefficients need the same direction.
+    // The official kernel was meant to use the centroid.
+    // Because of an error in an expression, it uses the centroid's z for x, y and z.
+    // Models are trained with this error, so their coefficients need the same direction.
     return select(center, center.zzz, view.broadcast_z == 1u);
 }
 

@@ -1,5 +1,5 @@
-// 2DTS: a triangle soup with a Gaussian-like falloff of global sharpness gamma, and two rasterizers. Sources:
-// GaodeRender/triangle-splatting at 54c80f7: submodules/diff-triangle-rasterization-2D and -3D:
+// 2DTS: a triangle soup with a Gaussian-like falloff of global sharpness gamma, and two rasterizers.
+// Sources: GaodeRender/triangle-splatting at 54c80f7: submodules/diff-triangle-rasterization-2D and -3D:
 // src/forward.cu, src/auxiliary.h.
 
 #include "splat_common.cl"
@@ -13,15 +13,17 @@
 #define CORNERS_MAY_BE_BEHIND 0
 #define SMALL_IS_DROPPED 0
 
-// The array coverage has the opacity and a limit of the eccentricity. Alpha is below 1/255 beyond this limit.
+// The array coverage has the opacity and a limit of the eccentricity.
+// Alpha is below 1/255 beyond this limit.
 // The limit is negative if alpha is always below 1/255.
 
 #if ENGINE
 #define LINES 12
 #define SHAPE(REAL) REAL lines[LINES];
 #elif PLANAR
-// corner is corner 1 in camera space, and distance is the product of corner and the normal. The vector from
-// this corner to a point of the plane, times dual2 and dual3, gives barycentric coordinates 2 and 3.
+// corner is corner 1 in camera space, and distance is the product of corner and the normal.
+// The vector from this corner to a point of the plane, times dual2 and dual3, gives barycentric coordinates 2
+// and 3.
 #define SHAPE(REAL) REAL corner[3], dual2[3], dual3[3], distance;
 #else
 // Corners in samples, 1 / twice the area, and camera depth of the corners.
@@ -63,9 +65,10 @@ Box dilated_tiles(__constant View *view, vec2 a, vec2 b, vec2 c)
 }
 
 #if ENGINE
-// Engine sampling is the same for both rasterizers. Graphics hardware draws nothing outside a triangle, but
-// the falloff of this method extends beyond the edges. Therefore each triangle is enlarged about its centroid
-// until it contains the whole falloff.
+// Engine sampling is the same for both rasterizers.
+// Graphics hardware draws nothing outside a triangle, but the falloff of this method extends beyond the
+// edges.
+// Therefore each triangle is enlarged about its centroid until it contains the whole falloff.
 mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box *official, Box *box,
                    real *depth)
 {
@@ -164,8 +167,9 @@ mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box 
     f->normal[1] = normal.y / area_3d;
     f->normal[2] = normal.z / area_3d;
 
-    // The points of eccentricity E form the triangle enlarged E times about its centroid. In thin
-    // triangles, rounding moves samples by up to `noise`, so samples outside any tight box can be covered.
+    // The points of eccentricity E form the triangle enlarged E times about its centroid.
+    // In thin triangles, rounding moves samples by up to `noise`, so samples outside any tight box can be
+    // covered.
     vec2 low = {lesser(lesser(u[0].x, u[1].x), u[2].x), lesser(lesser(u[0].y, u[1].y), u[2].y)};
     vec2 high = {greater(greater(u[0].x, u[1].x), u[2].x), greater(greater(u[0].y, u[1].y), u[2].y)};
     real longest = greater(high.x - low.x, high.y - low.y), across = f->limit * longest + TILE;
@@ -235,7 +239,8 @@ Columns columns_of(FACE_POINTER f, real x, __constant View *view)
 #if LANES == 8
 #define ABS(x) ((x) < 0.0f ? -(x) : (x))
 // Return which pairs of rows y and y + 1 (one pair per lane) may contain a covered sample in the eight
-// columns from `left` on. At a covered sample, all three barycentric coordinates are above (1 - limit) / 3.
+// columns from `left` on.
+// At a covered sample, all three barycentric coordinates are above (1 - limit) / 3.
 // Test each coordinate at the corner of the block where the coordinate is largest.
 mask reaches(FACE_POINTER f, float left, real y)
 {

@@ -1,6 +1,6 @@
-// 2DTS: a triangle soup with a Gaussian-like falloff of global sharpness gamma, and two rasterizers. This
-// file translates two_dts.cl for graphics hardware; the comments there explain more. Sources:
-// GaodeRender/triangle-splatting at 54c80f7: submodules/diff-triangle-rasterization-2D and -3D:
+// 2DTS: a triangle soup with a Gaussian-like falloff of global sharpness gamma, and two rasterizers.
+// This file translates two_dts.cl for graphics hardware; the comments there explain more.
+// Sources: GaodeRender/triangle-splatting at 54c80f7: submodules/diff-triangle-rasterization-2D and -3D:
 // src/forward.cu, src/auxiliary.h.
 
 const EPS = 1e-8;
@@ -77,8 +77,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
 }
 #else
 
-// The divisor is |w| + eps instead of w, so a point behind the camera has a negative z and fails the near
-// test.
+// The divisor is |w| + eps instead of w, so a point behind the camera has a negative z and fails the near test.
 fn to_ndc(p: vec3<f32>) -> vec3<f32> {
     let inverse = div(1.0, add(abs(affine(view.full[3], p)), EPS));
     return vec3<f32>(mul(affine(view.full[0], p), inverse), mul(affine(view.full[1], p), inverse),
@@ -129,8 +128,7 @@ fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, F
     return result;
 }
 #else
-// The "2D" rasterizer: perspective is linearised at the centroid, and corners are moved outwards by half a
-// sample.
+// The "2D" rasterizer: perspective is linearised at the centroid, and corners are moved outwards by half a sample.
 fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, Face>) -> Projected {
     var result: Projected;
     let center = center_of(corners[0], corners[1], corners[2]);
@@ -179,8 +177,8 @@ fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, F
     (*face).x.w = div(1.0, area);
     (*face).z.w = limit;
 
-    // The points of eccentricity E form the triangle enlarged E times about its centroid. In thin
-    // triangles, rounding moves samples by up to `noise`, so samples outside any tight box can be covered.
+    // The points of eccentricity E form the triangle enlarged E times about its centroid.
+    // In thin triangles, rounding moves samples by up to `noise`, so samples outside any tight box can be covered.
     let low = min(min(u[0], u[1]), u[2]);
     let high = max(max(u[0], u[1]), u[2]);
     let across = limit * max(high.x - low.x, high.y - low.y) + 16.0;
@@ -237,8 +235,7 @@ fn cover(face: Face, x: f32, y: f32) -> Seen {
     let h = f32(view.height);
     let ray = vec2<f32>(view.tan_fov.x * ((2.0 * (x - view.shift.x) - w + 1.0) / w),
                         view.tan_fov.y * ((2.0 * (y - view.shift.y) - h + 1.0) / h));
-    // If the plane is nearly edge-on, the terms of this sum cancel, and z is only as precise as their
-    // rounding.
+    // If the plane is nearly edge-on, the terms of this sum cancel, and z is only as precise as their rounding.
     let slope = keep(keep(ray.x * face.normal.x) + keep(ray.y * face.normal.y)) + face.normal.z;
     let z = face.corner.w / slope;
     let d = vec3<f32>(z * ray, z) - face.corner.xyz;
