@@ -8,8 +8,8 @@
 //   measure_faces    areas, and the faces of each component
 //   sum_largest      the largest component
 //
-// All counts are integers and all lists are ordered by number, so results do not depend on the number of
-// work-items or on their share of the work.
+// All counts are integers and all lists are ordered by number.
+// Results therefore do not depend on the number of work-items or on their share of the work.
 // Areas are added in the same order as in the NumPy code.
 
 #include "lanes.cl"

@@ -1,7 +1,7 @@
 // Visit the vertices of a block one after another, each with all its faces.
 
-// Sort the corner records of a block by vertex into `sorted`; starts[i] is the first record of vertex i of
-// the block.
+// Sort the corner records of a block by vertex into `sorted`.
+// The first record of vertex i of the block is at starts[i].
 void sort_block(__global const Record *restrict records, uint count, uint first, uint vertices,
     __global uint *restrict starts, __global Record *restrict sorted)
 {
@@ -42,8 +42,8 @@ void sort_block_in_place(__global Record *records, uint count, uint first, uint 
         }
 }
 
-// Move the records of proper faces (three different vertices) to the front; return the number of these
-// records.
+// Move the records of proper faces (three different vertices) to the front.
+// Return the number of these records.
 uint proper_first(__global Record *records, uint count)
 {
     uint n = 0;
@@ -109,8 +109,10 @@ __kernel void visit_blocks(__global Record *records, __global const uint *block_
     for (int kind = 0; kind < KINDS; kind++)
         visit.at[kind] = 0;
     scratch += item * scratch_words;
-    // The scratch memory has three parts: the starts of vertices; a copy of the block (16-byte words), unless
-    // the block is large; and 4 words per corner of the largest vertex.
+    // The scratch memory has up to three parts.
+    // The first part is the starts of vertices.
+    // Unless the block is large, the second part is a copy of the block in 16-byte words.
+    // The last part has 4 words per corner of the largest vertex.
     uint size = 1u << shift;
     __global uint *starts = (__global uint *)scratch, *next = starts + size + 1;
     scratch += size + 1;

@@ -26,11 +26,11 @@ double face_area(__global const COORDINATE *p, __global const COORDINATE *q, __g
 
 #define SOON 12 // number of faces to prefetch ahead, so that their vertices and components are already cached
 
-// For each face, write the area (0 if not finite), the component in `parents` (its lowest face), and the
-// initial state for uniting boundary edges.
+// For each face, write the area (0 if not finite) and the component in `parents` (its lowest face).
+// Also write the initial state for uniting boundary edges.
 // All elements of `sizes` are initially zero.
-// For each work-item, `samples` gets the number of zero-area faces with distinct vertices, and the first such
-// face.
+// For each work-item, `samples` gets the number of zero-area faces with distinct vertices, and the first of
+// these faces.
 // The same two values follow for faces with non-finite area.
 __kernel void measure_faces(__global const COORDINATE *restrict points, __global const uint *restrict faces,
     __global double *restrict areas, __global uint *parents, __global uint *sizes, __global uint *restrict rims,

@@ -42,8 +42,7 @@ void add_pair(Visit *visit, int kind, uint first, uint second)
 
 // Return the root of the tree of a face, which is the lowest face of the tree.
 // The search halves the paths to the root.
-// Concurrent changes are safe, because a parent is only ever replaced by an ancestor, and only roots are
-// linked.
+// Concurrent changes are safe, because only roots are linked, and a new parent is always an ancestor.
 uint find_root(__global volatile uint *parents, uint f)
 {
     for (;;) {

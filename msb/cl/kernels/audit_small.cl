@@ -31,8 +31,8 @@ uint sum_lanes(uint8 v)
 // Sums over the sides of a vertex, separately for each lane.
 // `counts` packs five numbers, with enough bits for 64 sides.
 // Two of the numbers count all edges, and the edges to higher vertices.
-// The three other numbers only count edges to higher vertices: boundary edges, two-face edges with flipped
-// winding, and edges with more than two faces.
+// The other numbers only count edges to higher vertices.
+// The edges are boundary edges, two-face edges with flipped winding, or edges with more than two faces.
 // `rim` marks the sides that are boundary edges.
 // `paired` marks the sides that share a higher neighbour with an earlier side.
 // `crowd` is non-zero at an edge with more than two faces.

@@ -35,8 +35,8 @@ typedef uint4 Record;
 #define EDGE_ENDPOINTS 2
 #define UNREFERENCED_VERTICES 3
 
-// An edge with its two vertices and its rank among the edges of its block, sorted by lower, then higher
-// vertex.
+// An edge with its two vertices, and its rank in its block.
+// Ranks are in the order of the lower, then the higher vertex.
 typedef struct {
     ulong block, rank, low, high;
 } EdgeSample;
@@ -109,8 +109,8 @@ void count_valence(Visit *visit, uint valence)
 }
 
 // Count vertex v by kind.
-// The number `most` is the largest number of faces at an edge of v; `in_groups` tells whether the faces of v
-// form several groups.
+// The number `most` is the largest number of faces at an edge of v.
+// `in_groups` tells whether the faces of v form several groups.
 void count_fans(Visit *visit, uint v, uint most, int in_groups)
 {
     __global Tally *t = visit->tally;

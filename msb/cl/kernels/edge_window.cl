@@ -1,7 +1,6 @@
 // Falloff of Triangle-Splatting and MeshSplatting, from projected triangles with incentre and edge distances.
 // The kernel file of a method includes this file after its face structs.
-// The including file defines MAX_ALPHA, the maximum alpha, and SIGMA, the exponent of the falloff of face
-// `f`.
+// The including file defines the maximum alpha MAX_ALPHA, and SIGMA, the exponent of the falloff of face `f`.
 // Sources: trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu, auxiliary.h;
 // meshsplatting/diff-triangle-mesh-rasterization at b27f283 (the same lines).
 
@@ -110,8 +109,8 @@ Box window_box(__constant View *view, const Window *w, real rim)
     return box;
 }
 
-// Find the tiles of the contour o phi^sigma = 0.01: move each edge inwards, then intersect neighbouring
-// edges.
+// Find the tiles of the contour o phi^sigma = 0.01.
+// Move each edge inwards, then intersect neighbouring edges.
 // Beyond this contour, alpha falls to 1/255 at the rim.
 // The rim is visible only in tiles that the contour touches.
 Box contour_tiles(__constant View *view, const Window *w, real shrunk)
@@ -201,10 +200,8 @@ mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sa
 }
 
 #if LANES == 8
-// Returns which pairs of rows y, y + 1 (one pair per lane) contain samples in the eight columns from `left`
-// on.
-// A pair contains samples if the distance of each edge at the innermost corner is not positive, allowing for
-// rounding.
+// Returns which row pairs y, y + 1 (one per lane) contain samples in the eight columns that begin at `left`.
+// A pair contains samples if no edge has a positive distance at the innermost corner, allowing for rounding.
 mask reaches(FACE_POINTER f, float left, real y)
 {
     mask reached = (mask)-1;

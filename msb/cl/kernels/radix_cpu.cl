@@ -5,8 +5,8 @@
 
 #define DIGIT(key) ((uint)((key) >> shift) & mask)
 
-// The array `counts` is digit-major, so its exclusive prefix sum gives the write position of each digit of
-// each chunk.
+// The array `counts` is digit-major.
+// The exclusive prefix sum of `counts` gives the write position of each digit of each chunk.
 __kernel void count_digits(__global const KEY *keys, __global uint *counts, uint count, uint chunk,
                            uint chunks, uint shift, uint mask)
 {

@@ -81,9 +81,9 @@ __kernel void bound_groups(__global const float *bounds, __global float *groups,
 }
 #endif
 
-// Returns which of LANES consecutive spheres, from `first` on, belong to faces or groups of faces that may be
-// kept.
-// depth_growth is the number of radii by which a centroid may lie behind the centre of the sphere.
+// Returns which of LANES consecutive spheres, from `first` on, may be kept.
+// The spheres belong to faces or to groups of faces.
+// A centroid may lie up to `depth_growth` radii behind the centre of the sphere.
 // NaN is kept.
 mask may_be_kept(__constant View *view, __global const float *bounds, uint stride, size_t first,
                  float depth_growth)

@@ -1,9 +1,9 @@
-// Code shared by the splatting kernels of all methods: the view, vectors in the official order of operations,
-// and lanes.
+// Code shared by the splatting kernels of all methods.
+// The shared code has the view, vectors in the official order of operations, and lanes.
 // Code with lanes serves both kernel styles, so a method needs only one coverage function.
 //
-// Only MAD is fused, because depth keys, culling tests, tile rectangles and inside tests must round as in the
-// official kernels.
+// Only MAD is fused.
+// Depth keys, culling tests, tile rectangles and inside tests must round as in the official kernels.
 // By default the compiler decides about fusing, and devices differ.
 #pragma OPENCL FP_CONTRACT OFF
 
@@ -32,8 +32,10 @@ typedef struct {
     uint columns, rows;        // numbers of tiles
     uint degree;               // maximum degree of the evaluated spherical harmonics
     uint rest_stride;          // floats per row of f_rest: red, green, blue of coefficient 1, 2 and so on
-    // Three rules say which tiles list a face: the tiles that the face reaches (TILES_REACHED), its official
-    // tiles (TILES_OFFICIAL), or the official tiles that the face reaches (TILES_BOTH).
+    // Three rules say which tiles list a face.
+    // TILES_REACHED lists a face in all tiles that it reaches.
+    // TILES_OFFICIAL uses the official tiles of the face.
+    // TILES_BOTH uses the official tiles that the face reaches.
     // The last two give the same image.
     // msb/render/splat/pipeline.py defines these constants.
     uint tile_rule;
@@ -252,19 +254,19 @@ vec3 load3(__global const float *p, const size_t *rows)
     return (vec3){load(p, rows, 3, 0), load(p, rows, 3, 1), load(p, rows, 3, 2)};
 }
 
-// The fma() of PoCL is a function call, but a b + c compiles to an FMA instruction if the processor has this
-// instruction.
+// The fma() of PoCL is a function call.
+// But a b + c compiles to an FMA instruction if the processor has this instruction.
 #ifdef __FMA__
 #define exact_fma MAD
 #else
 #define exact_fma fma
 #endif
 
-// Computes ((ndc + 1) size - 1) / 2, which the official code evaluates in double and rounds once; pixel i has
-// its centre at the integer i.
+// Computes ((ndc + 1) size - 1) / 2, which the official code evaluates in double and rounds once.
+// Pixel i has its centre at the integer i.
 // Here the result is the unevaluated sum of two floats: product and sum with their rounding errors.
-// This sum rounds to the same float (tests/render/test_splatting.py), also on devices without double
-// precision.
+// This sum rounds to the same float, also on devices without double precision
+// (tests/render/test_splatting.py).
 real to_sample(real ndc, uint size)
 {
     real n = (real)(float)size, m = n - 1.0f;

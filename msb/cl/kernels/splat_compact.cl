@@ -1,7 +1,6 @@
 // From projected primitives to tile lists in depth order, for every method and both kernel styles.
 //
-// The primitives are sorted by depth before they are copied to tiles, because there are fewer primitives than
-// copies.
+// The primitives are sorted by depth before they are copied to tiles, because copying increases their number.
 // Appending sorted primitives to tile lists equals the official stable sort of (tile << 32 | depth) keys.
 
 typedef ushort4 Tiles; // x0, y0, x1, y1: low ends inclusive, high ends exclusive

@@ -1,16 +1,15 @@
-// Sampling of triangles as in a game engine: the rasterisation of graphics hardware.
-// msb/reference/engine.py defines this sampling, explains why no polygon is clipped, and uses the same order
-// of operations.
+// Sampling of triangles as in a game engine, by the rasterisation rules of graphics hardware.
+// msb/reference/engine.py defines this sampling, and explains why no polygon is clipped.
+// The order of operations is the same here.
 //
-// The kernel file of a method includes this file if ENGINE is 1, after its struct Face, and calls
-// project_engine.
+// If ENGINE is 1, a method's kernel file includes this file after its struct Face, and calls project_engine.
 // The first member of Face is `float lines[LINES]`.
 // This file has the sample functions listed in splat_stages.cl, except cover and shade.
 
-// The array `lines` holds linear functions of a sample: the three barycentric coordinates over depth, times
-// `weight`, and then 1 / depth.
+// The array `lines` holds linear functions of a sample.
+// The functions are the three barycentric coordinates over depth, times `weight`, and then 1 / depth.
 // The factor `weight` makes the smallest coordinate 1 in the middle.
-// Each linear function has factors for x and y and a constant.
+// Each linear function has a factor for x, a factor for y, and a constant.
 // msb/render/splat/pipeline.py defines ENGINE_NEAR, the depth of the near plane in scene units.
 #define ENGINE_SLACK 0.1f // margin of a box in samples, for rounding errors
 
@@ -136,8 +135,7 @@ mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sa
 }
 
 #if LANES == 8
-// Returns which pairs of rows y, y + 1 (one pair per lane) contain samples in the eight columns from `left`
-// on.
+// Returns which row pairs y, y + 1 (one per lane) contain samples in the eight columns that begin at `left`.
 // The innermost corner of those samples is tested, allowing for rounding.
 mask reaches(FACE_POINTER f, float left, real y)
 {

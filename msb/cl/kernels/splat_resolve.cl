@@ -76,8 +76,8 @@ __kernel void resolve_extras(__global const float *planes, __global const uint *
 }
 
 // The transpose of `resolve`, from an image to the samples of the raster.
-// Plane 3 is the share of the sample in its pixel, and planes 0..2 are the colour of the pixel times that
-// share.
+// Plane 3 is the share of the sample in its pixel.
+// Planes 0..2 are the colour of the pixel times that share.
 // All planes are 0 outside the image.
 __kernel void spread(__global const float *picture, __global const uint *band, __global float *planes)
 {

@@ -14,8 +14,7 @@ typedef struct {
     __global int *slot;    // slot (number) of the nearest triangle
     __global float *far;   // the farthest depth in each block of pixels
     int occludes;          // whether any farthest depth is not 0
-    // approximate number of small triangles drawn since the last call of `measure`, and the limit before the
-    // next call
+    // approximate number of small triangles drawn since the last `measure`, and the limit for the next one
     int work, limit;
     int stride;
     int x0, y0, x1, y1;    // range of pixels of the image, ends excluded
@@ -160,7 +159,7 @@ void draw_outline(Tile *t, int slot, __constant float *view)
 
 // ---- eight triangles
 
-// Edge functions of eight triangles in 64 bits, divided by UNIT; the values fit into 32 bits up to the extent
+// Edge functions of eight triangles in 64 bits, divided by UNIT. The values fit into 32 bits up to the extent
 // MEDIUM.
 #define WIDE(a, b) (TO_LONG4(a) * TO_LONG4(b))
 int8 edge8(int8 dx, int8 dy, int8 to_x, int8 to_y)
@@ -199,8 +198,8 @@ void draw_block(Tile *t, int block, __constant float *view)
     int8 u_low = min8i(min8i(U0, U1), U2), u_high = max8i(max8i(U0, U1), U2);
     int8 v_low = min8i(min8i(V0, V1), V2), v_high = max8i(max8i(V0, V1), V2);
 
-    // Select pixels with their centre in the box of the triangle; most small triangles have no such pixel in
-    // this tile.
+    // Select pixels with their centre in the box of the triangle.
+    // Most small triangles have no such pixel in this tile.
     int8 x0 = max8i((u_low + (HALF - 1)) >> SUBPIXEL_BITS, (int8)t->x0);
     int8 y0 = max8i((v_low + (HALF - 1)) >> SUBPIXEL_BITS, (int8)t->y0);
     int8 w = min8i((u_high - HALF) >> SUBPIXEL_BITS, (int8)(t->x1 - 1)) - x0;

@@ -1,11 +1,11 @@
-// The opaque z-buffer on a CPU. One work-item per processor takes tile after tile of the image, and draws
-// eight triangles or eight pixels at once.
+// The opaque z-buffer on a CPU. One work-item per processor draws one tile after another.
+// The work-item draws eight triangles or eight pixels at once.
 // The only atomic is the tile counter.
 // docs/standard.md has the rules.
-// Corners that faces share are transformed again for each face, because fetching nine transformed numbers per
-// face from scattered addresses takes longer.
-// On one core of an EPYC (Zen 4) a triangle without samples costs 11 ns, a triangle of half a pixel 17 ns, an
-// empty pixel 2 ns, and a covered pixel 7 ns, including colouring and reading back.
+// Corners that faces share are transformed again for each face.
+// Fetching nine transformed numbers from scattered addresses would take longer.
+// Times on one core of an EPYC (Zen 4), including colouring and reading back: a triangle without samples
+// costs 11 ns, a triangle of half a pixel 17 ns, an empty pixel 2 ns, and a covered pixel 7 ns.
 //
 // The host code defines these sizes (msb/render/standard/renderer.py):
 //   CLUSTER   blocks of eight triangles that are culled together
@@ -31,8 +31,8 @@
 
 // Each work-item handles a group of clusters.
 // It computes the pixels that the group and each cluster can reach, and 1 / z of their nearest points.
-// `boxes` has centre and half extent, in six rows of `stride` values; `rects` has x0, y0, x1, y1, ends
-// included, in four rows.
+// `boxes` has centre and half extent, in six rows of `stride` values.
+// `rects` has x0, y0, x1, y1, ends included, in four rows.
 // An empty rectangle reaches no pixel.
 __kernel void clusters(__global const float *boxes, __constant float *view, __global int *rects,
     __global float *nearest, __global int *group_rects, __global int *next_tile, int count, int stride, int width,
@@ -317,8 +317,8 @@ void draw_list(Tile *t, __global int *list, int n, __global const int *rects, __
 }
 
 // The kernel has one work-item per processor.
-// For each work-item, `scratch` holds the two planes of a tile, its coarse depths and two lists, in
-// `scratch_words` words.
+// For each work-item, `scratch` holds the two planes of a tile, its coarse depths and two lists.
+// The scratch memory of a work-item has `scratch_words` words.
 __kernel void tiles(__global const float *triangles, __global const float *colors, __constant float *view,
     __global const int *rects, __global const float *nearest, __global const int *group_rects, int count, int stride,
     int blocks, int width, int height, int tile_width, int tile_height, __global int *next_tile,

@@ -1,9 +1,10 @@
-// Code shared by the kernels of the opaque z-buffer, so that CPUs and GPUs draw the same image: the camera,
-// records of triangles, snapping, the depth of a plane, clipping, and interpolation of colours.
+// Code shared by the kernels of the opaque z-buffer, so that CPUs and GPUs draw the same image.
+// The code covers the camera, triangle records, snapping, the depth of a plane, clipping, and colour
+// interpolation.
 // docs/standard.md has the rules.
 //
-// In the additions below, at most one operand is a product, so all compilers that fuse multiplications and
-// additions fuse the same operations.
+// In the additions below, at most one operand is a product.
+// Therefore all compilers that fuse multiplications and additions fuse the same operations.
 
 // msb/render/standard/triangles.py defines SUBPIXEL_BITS, WORDS (floats per record) and the values of COLORS.
 // Colours of the kinds BYTES_OF_CORNERS and FLOATS_OF_FACE are stored in the record.
@@ -18,8 +19,8 @@
 #define GUARD_PLANE 402653184.0f  // in units; the clipping planes, inside GUARD with room for rounding
 
 // Very distant geometry is computed in double precision if the device supports it.
-// A million units away, float32 resolves a corner only to 0.06, so nearby planes and edges would be
-// arbitrary.
+// A million units away, float32 resolves a corner only to 0.06.
+// Nearby planes and edges would be arbitrary.
 #define FAR 1024.0f       // scene units from the camera, along any axis
 #define UNCERTAIN 1024.0f // maximum ratio between the terms of a determinant and its value, for float32
 #ifdef cl_khr_fp64
@@ -200,8 +201,8 @@ int is_far(float x, float y, float z, __constant float *view)
 // Clip to the near plane and to the guard band (Sutherland and Hodgman 1974).
 // An intersection is computed from the inner end of the edge to the outer end.
 // Both faces of an edge get the same point, so there are no cracks.
-// If one end is far away, the intersection is computed in double precision; this decision depends only on the
-// two ends.
+// If one end is far away, the intersection is computed in double precision.
+// The choice of precision depends only on the two ends.
 // `wide` holds the corners in double precision.
 int clip(float *x, float *y, float *z, real (*wide)[3], __constant float *view)
 {
@@ -262,8 +263,8 @@ int clip(float *x, float *y, float *z, real (*wide)[3], __constant float *view)
     return n;
 }
 
-// Returns whether float32 is too inaccurate for the plane of a triangle with a corner `far` away; `plane`
-// then gets the plane in double precision.
+// Returns whether float32 is too inaccurate for the plane of a triangle with a corner `far` away.
+// If so, `plane` gets the plane in double precision.
 // The plane is computed in world axes, in which differences of corners are exact.
 int is_wide(__global const float *record, float far, __constant float *view, real *plane)
 {
@@ -352,8 +353,8 @@ Outline make_outline(__global const float *record, __constant float *view)
 }
 
 // Edge functions of one triangle in exact integers, which are negative outside.
-// On an edge the function is 0, and the sample belongs to the triangle only if the edge is a left or top
-// edge.
+// On an edge the function is 0.
+// The sample then belongs to the triangle only if the edge is a left or top edge.
 // Therefore exactly one of two triangles that share an edge takes the sample.
 // The values are divided by UNIT. Division keeps the sign, because steps of a pixel are multiples of UNIT.
 typedef struct {
@@ -396,8 +397,7 @@ Edges make_edges(const Outline *o, int k, int left, int top, int right, int bott
 
 // ---- colours
 
-// Weights of the corners at the intersection of the ray with the plane of the triangle (Moeller and Trumbore
-// 1997).
+// Weights of the corners where the ray meets the plane of the triangle (Moeller and Trumbore 1997).
 // The stored corners are used, not the snapped ones.
 // Snapping may put a sample outside, so the weights are clamped to the triangle.
 // A triangle seen edge-on has no weights, so its first corner gets weight 1.
@@ -437,8 +437,8 @@ Edges make_edges(const Outline *o, int k, int left, int top, int right, int bott
         to = MAD(w, a, MAD(u, b, last));                                                                        \
     }
 
-// Computes the weights in double precision, from the corner nearest to the camera, for a long triangle that
-// float32 handles inaccurately.
+// Computes the weights in double precision, from the corner nearest to the camera.
+// Double precision is used for long triangles that float32 handles inaccurately.
 // Such a triangle is nearly parallel to the ray, or two of its edges are nearly parallel.
 // Return whether the triangle requires double precision.
 int wide_weights(__global const float *record, __constant float *view, real px, real py, float *weights)

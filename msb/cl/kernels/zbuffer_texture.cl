@@ -1,5 +1,4 @@
-// Textures for the opaque z-buffer: the colour of a face at a sample, for eight samples at once (LANES 8) or
-// one.
+// Textures for the opaque z-buffer: the colour of a face at one sample or at eight samples (LANES 8).
 // docs/standard.md has the rules; `sample` in msb/asset/texture.py is a readable version in NumPy.
 //
 // A triangle record has u, v of its corners in UV_WORD and after FACE_WORD. `tints`, if used, holds linear
@@ -12,8 +11,8 @@
 //   row 1       alpha cutoff as a float; whether there are tints; whether there are several textures
 //   row 2 + 5t  texture t: width, height, last level; the next four rows: first texels of levels 0 to 15
 
-// msb/render/standard/texels.py defines FIRST_ROW, TEXTURE_ROWS and the wrap modes CLAMPED and MIRRORED;
-// other values mean repeat.
+// msb/render/standard/texels.py defines FIRST_ROW, TEXTURE_ROWS and the wrap modes CLAMPED and MIRRORED.
+// Other wrap modes mean repeat.
 #define TINT_WORDS 12
 // Inlining moves values that are constant along a row out of the loops.
 #if LANES == 8 && defined(__clang__)
@@ -166,8 +165,8 @@ typedef struct {
 } Taps;
 
 // The weighted texels of a level, times a share; u, v are already mapped into the texture.
-// Each level has an extra column and row with the texels that blend with its last ones, so the four texels
-// are always neighbours.
+// Each level has an extra column and row with the texels that blend with its last ones.
+// The four texels are therefore always neighbours.
 Taps taps_of(const Textures *t, const Image *image, ints level, floats u, floats v, floats share)
 {
     Taps taps;
@@ -222,11 +221,10 @@ INLINED void add_taps(__global const ushort4 *texels, const Taps *taps, floats *
         light[k] += MAD(taps->right, COLUMN(seen, k + 4) - COLUMN(seen, k), COLUMN(seen, k));
 }
 
-// Weights of the second and third corner at a sample, and the steps of these weights to the next pixel along
-// x and y.
+// Weights of the second and third corner at a sample, and the steps of these weights per pixel along x and y.
 // The order is w[0], w[1], w[0] along x, w[1] along x, w[0] along y, w[1] along y.
-// Computes the weights as in WEIGHTS. The volumes are products of the ray with vectors that are constant for
-// a face, so their steps follow from the steps of the ray.
+// Computes the weights as in WEIGHTS. The volumes are products of the ray with constant vectors of the face.
+// The steps of the volumes follow from the steps of the ray.
 void weights_and_steps(const floats *c, __constant float *view, floats px, floats py, floats *w)
 {
     floats ax = c[3] - c[0], ay = c[4] - c[1], az = c[5] - c[2];
@@ -301,8 +299,8 @@ typedef struct {
     floats u, v, lod, w0, w1;
 } Place;
 
-// Find the texture position of the faces in `slot` at px, py relative to the principal point, clamped to the
-// faces.
+// Find the texture position of the faces in `slot` at px, py, clamped to the faces.
+// px and py are relative to the principal point.
 INLINED void look(const Textures *t, __constant float *view, ints slot, floats px, floats py, Place *place)
 {
     floats c[16], w[6];

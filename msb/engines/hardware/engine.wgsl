@@ -1,12 +1,12 @@
-// The sampling of triangles in game engines: the rasterisation rules of graphics hardware, with the order of operations
-// of msb/reference/engine.py.
+// The sampling of triangles in game engines, by the rasterisation rules of graphics hardware.
+// The order of operations is that of msb/reference/engine.py.
 // The file of a method includes this file if ENGINE is defined.
 //
-// A quad is drawn, and a sample belongs to the triangle if all three values (barycentric coordinate / depth) are
-// positive.
+// A quad is drawn.
+// A sample belongs to the triangle if all three values (barycentric coordinate / depth) are positive.
 // These values and 1 / depth are affine on the screen, and all three are negative for points behind the camera.
-// The triangle therefore needs no clipping, and the result does not depend on how hardware clips, snaps corners or
-// breaks ties at edges.
+// The triangle therefore needs no clipping.
+// The result does not depend on how hardware clips, snaps corners or breaks ties at edges.
 
 const ENGINE_NEAR = 0.01;
 const ENGINE_SLACK = 0.1; // margin of the box around the corners in samples, larger than rounding errors

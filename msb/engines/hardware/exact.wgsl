@@ -29,8 +29,8 @@ fn product_error(a: f32, b: f32, p: f32) -> f32 {
 }
 
 // In WGSL a division may have an error of 2.5 units in the last place, a square root even more.
-// The remainder is computed exactly and divided again, which gives the correctly rounded result unless there is an
-// overflow or underflow.
+// The remainder is computed exactly and divided again.
+// The quotient is then correctly rounded, except for overflow or underflow.
 fn div(a: f32, b: f32) -> f32 {
     let q = keep(a / b);
     let p = mul(q, b);
@@ -81,8 +81,8 @@ fn rotate_to_camera(v: vec3<f32>) -> vec3<f32> {
 }
 
 // Returns ((ndc + 1) size - 1) / 2: the centre of pixel i is the integer i.
-// The official code computes this in double precision and rounds once; here it is the sum of two floats, with the
-// rounding errors of product and sum.
+// The official code computes this in double precision and rounds once.
+// Here the result is the sum of two floats, with the rounding errors of product and sum.
 fn to_sample(ndc: f32, size: u32) -> f32 {
     let n = f32(size);
     let m = n - 1.0;

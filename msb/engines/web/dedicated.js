@@ -28,8 +28,8 @@ struct Band { first: vec2<u32>, size: vec2<u32>, output: u32 }
 
 // ---- the uniform buffer of the camera
 
-// Returns the signs of the rows of world_to_camera and the projection matrix of blended methods, as in
-// msb/render/splat/view.py.
+// Returns the signs of the rows of world_to_camera, and the projection matrix of blended methods
+// (msb/render/splat/view.py).
 function blendedProjection(view, near, far) {
   const f = Math.fround, tan = [view.width / (2 * view.fx), view.height / (2 * view.fy)];
   return [[1, 1, 1, 1], [
@@ -49,8 +49,8 @@ function surfaceProjection(view, near, far, flip) {
   ]];
 }
 
-// Returns the members of the camera's buffer that all methods share, with the formulas and float32 roundings of
-// msb/render/splat/view.py.
+// Returns the members of the camera's buffer that all methods share.
+// Formulas and float32 roundings are those of msb/render/splat/view.py.
 // camera.js describes a view.
 function cameraMembers(view, scale, near, far, methodValues) {
   const f = Math.fround, W = matrixOf(view).map((row) => row.map(f));

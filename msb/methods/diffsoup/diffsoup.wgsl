@@ -118,8 +118,8 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     (*face).number = vec4<f32>(f32(number & 0xffffu), f32(number >> 16u), coverage[number], 0.0);
     let front = vec3<bool>(p0.w > 0.0, p1.w > 0.0, p2.w > 0.0);
     // The official code clips nothing: a triangle with a corner at or behind the camera plane is dropped.
-    // An engine keeps the part in front: the rectangle of the triangle is the whole image, and the depth test discards
-    // the part behind.
+    // An engine keeps the part in front.
+    // The rectangle of the triangle is the whole image, and the depth test discards the part behind.
 #if ENGINE
     let dropped = !any(front);
 #else
@@ -261,10 +261,10 @@ fn picture_of(p: vec4<f32>, half: vec2<f32>) -> vec2<f32> {
 }
 
 // Returns corner `index` of the drawn triangle strip.
-// The edges of the triangle are moved outwards by more than the rounding errors of the hardware and of the edge
-// functions in `meeting_at`.
-// Returns `corner`, a corner of the rectangle, if the moved triangle is unsuitable: hardly smaller than the rectangle,
-// too thin, too far away or too pointed.
+// The edges of the triangle are moved outwards.
+// The distance exceeds the rounding errors of the hardware and of the edge functions in `meeting_at`.
+// Returns `corner`, a corner of the rectangle, if the moved triangle is unsuitable.
+// Unsuitable triangles are hardly smaller than the rectangle, too thin, too far away or too pointed.
 // The outline only reduces the number of fragments; it does not decide which pixels are covered.
 fn outline(face: Face, index: u32, corner: vec2<f32>) -> vec2<f32> {
     let p = array<vec4<f32>, 3>(face.corner0, face.corner1, face.corner2);

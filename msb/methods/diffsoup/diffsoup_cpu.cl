@@ -177,8 +177,8 @@ __kernel void raster(__global const float4 *corners, __global const ushort *firs
     fragments[band] = count;
 }
 
-// Two loads of four read the seven texels of a node; the fourth texel is loaded twice, so that no load
-// exceeds the lattice.
+// Two loads of four read the seven texels of a node.
+// The fourth texel is loaded twice, so that no load exceeds the lattice.
 #if TEXEL_SCALE == 1
 #define FOUR(p) (((__global const Unaligned *)(p))->four)
 #else

@@ -3,10 +3,10 @@
 //
 // The key of a pixel has 64 bits.
 // The upper half is the bits of depth + 2 minus the bits of 1; the lower half is the face number.
-// In any order of fragments, the smallest key is the nearest fragment, with the lowest face number at equal
-// depth.
-// Without 64-bit atomics (KEYS 0) the triangles are drawn twice: first the depths, then the faces with the
-// depth of the pixel.
+// In any order of fragments, the smallest key is the nearest fragment.
+// At equal depths, the smallest key has the lowest face number.
+// Without 64-bit atomics (KEYS 0) the triangles are drawn twice.
+// The first pass finds depths, and the second pass finds the faces at these depths.
 #define WIDE 0
 #include "diffsoup_math.cl"
 #include "diffsoup_project.cl"
@@ -88,8 +88,8 @@ __kernel void raster(__global const float4 *corners, __global const ushort *firs
 }
 
 // Shade one pixel.
-// The rows of the image may run in the opposite order to the rows of the raster; the buffers of `raw` keep
-// the raster's order.
+// The rows of the image may run in the opposite order to the rows of the raster.
+// The buffers of `raw` keep the raster's order.
 __kernel void shade(__global const uint *keys, __global const float4 *corners,
                     __global const TEXEL *lattice, __constant float *net, __global const float *frame,
                     __global const float *ndc_x, __global const float *ndc_y, __global float *image,

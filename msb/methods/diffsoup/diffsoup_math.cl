@@ -1,16 +1,16 @@
 // DiffSoup: computations that both kernel styles share, for one pixel or for eight pixels.
 //
-// If WIDE is 1, a `real` is a float8 for eight neighbouring pixels, because CPU compilers do not vectorise
-// loops with a data-dependent length.
+// If WIDE is 1, a `real` is a float8 for eight neighbouring pixels.
+// CPU compilers do not vectorise loops with a data-dependent length.
 // If WIDE is 0, a `real` is a float.
 // The operations and their order are equal, so both styles give equal bits on one device.
 //
-// Before the decoder, products and sums must not be fused, because rounding decides which triangle covers a
-// pixel.
+// Before the decoder, products and sums must not be fused.
+// The rounding of these operations decides which triangle covers a pixel.
 //
 // Operators replace OpenCL functions: ?: replaces select, and casts replace vload8.
-// PoCL's CPU driver compiles such functions as library calls, which take several times as long as one
-// instruction.
+// PoCL's CPU driver compiles such functions as library calls.
+// A call takes several times as long as one instruction.
 // The defines are WIDE, TEXEL (float or uchar) and TEXEL_SCALE (1 or 255).
 // The parameter `side` is 2^level of the lattices.
 #pragma OPENCL FP_CONTRACT OFF
@@ -47,8 +47,8 @@ typedef int whole;
 #define DECODED(x) ((x) / (float)TEXEL_SCALE)
 #endif
 
-// The layout of the record that the host writes for each frame, all float32; the values are offsets into one
-// buffer.
+// The layout of the record that the host writes for each frame, all float32.
+// The values are offsets into one buffer.
 #define MVP 0
 #define INVERSE 16
 #define BACKGROUND 32
@@ -60,8 +60,8 @@ typedef struct {
     whole valid; // the point is inside (edges included), and between the near and the far plane
 } Fragment;
 
-// Returns the point where the ray of a pixel with NDC centre (u, v) meets a triangle, given by its clip
-// coordinates.
+// Returns the point where the ray of a pixel with NDC centre (u, v) meets a triangle.
+// The corners p0, p1 and p2 are in clip coordinates.
 static Fragment fragment_at(real u, float v, float4 p0, float4 p1, float4 p2)
 {
     float qy0 = p0.y - v * p0.w, qy1 = p1.y - v * p1.w, qy2 = p2.y - v * p2.w;

@@ -27,8 +27,8 @@ static int2 pixel_range(float a, float b, float c, uint size)
     return (int2)(first, last);
 }
 
-// The kernel is launched with `padded` >= `faces` work-items; the arrays of rectangles end with empty
-// rectangles.
+// The kernel is launched with `padded` >= `faces` work-items.
+// The arrays of rectangles end with empty rectangles.
 __kernel void project(__global const float *positions, __global const uint *indices,
                       __global const float *frame, __global float4 *corners, __global ushort *first_rows,
                       __global ushort *last_rows, __global ushort2 *columns, uint faces, uint padded,
@@ -50,8 +50,8 @@ __kernel void project(__global const float *positions, __global const uint *indi
     corners[3 * face + 2] = p2;
 
     // The official code clips nothing: a triangle with a corner at or behind the camera plane is dropped.
-    // An engine keeps the part in front: the rectangle of the triangle is the whole image, and the depth test
-    // discards the part behind.
+    // An engine keeps the part in front.
+    // The rectangle of the triangle is the whole image, and the depth test discards the part behind.
     bool crosses = !(p0.w > 0.0f && p1.w > 0.0f && p2.w > 0.0f);
     if (crosses && (!ENGINE || !(p0.w > 0.0f || p1.w > 0.0f || p2.w > 0.0f)))
         return;

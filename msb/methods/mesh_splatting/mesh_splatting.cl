@@ -27,7 +27,8 @@
 // inverse_weight belongs to the barycentric coordinates 1 and 2.
 #define SHAPE(REAL) REAL lines[LINES], inverse_weight[2], opacity;
 #else
-// inverse is 1 / inradius; origin is corner 0, e1 and e2 are the edges from corner 0, area is 1 / (e1 x e2).
+// inverse is 1 / inradius.
+// origin is corner 0, e1 and e2 are the edges from corner 0, and area is 1 / (e1 x e2).
 // depth has the depth of corner 0, and the depth differences of corners 1 and 2.
 #define SHAPE(REAL)                                                                                          \
     REAL normal_x[3], normal_y[3], offset[3], inverse, opacity;                                              \

@@ -20,8 +20,8 @@
 #define LOG2E 1.4426950408889634f
 
 // A row of `positions` has the mean, and xx, xy, xz, yy, yz, zz of the covariance; coverage is the opacity.
-// At a sample (dx, dy) from the mean the Gaussian is 2^(a dx^2 + b dx dy + c dy^2); alpha is below 1/255 if
-// the exponent is below `limit`.
+// At a sample (dx, dy) from the mean, the Gaussian is 2^(a dx^2 + b dx dy + c dy^2).
+// If the exponent is below `limit`, alpha is below 1/255.
 // The density along the ray of a sample is largest at depth - rise . (dx, dy).
 #define FACE_MEMBERS(REAL, INT)                                                                              \
     {                                                                                                        \
@@ -181,8 +181,7 @@ Columns columns_of(FACE_POINTER f, real x, __constant View *view)
 }
 
 #if LANES == 8
-// Returns which pairs of rows y, y + 1 (one pair per lane) contain a sample with an exponent of `limit` or
-// more.
+// Returns which row pairs y, y + 1 (one per lane) contain a sample with an exponent of `limit` or more.
 // Only the eight columns from `left` on are tested.
 // The largest exponent of a row is at dx = -b dy / 2a, or at the nearer end of the row.
 mask reaches(FACE_POINTER f, float left, real y)

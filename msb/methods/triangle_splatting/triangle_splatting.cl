@@ -9,8 +9,8 @@
 #define BLENDS_CROSSING 0
 #define SMALL_IS_DROPPED 1
 
-// The array coverage has opacity, sigma, the phi with o phi^sigma = 0.01, and the rim, which is the phi below
-// which alpha is under 1/255.
+// The array coverage has opacity, sigma, the phi with o phi^sigma = 0.01, and the rim.
+// The rim is the phi below which alpha is under 1/255.
 
 #if ENGINE
 #define LINES 12

@@ -22,10 +22,10 @@
 #define LEAST 1e-4f
 #define LOG2E 1.4426950408889634f
 
-// A row of `positions` has the mean, and both axes times their standard deviations; coverage has opacity and
-// normal.
-// The point d = (u, v, 1) of a disc, in standard deviations, is projected to the sample (p . d / r . d, q . d
-// / r . d), at the depth r . d.
+// A row of `positions` has the mean, and both axes times their standard deviations.
+// coverage has opacity and normal.
+// The point d = (u, v, 1) of a disc, in standard deviations, is at the sample (p . d / r . d, q . d / r . d).
+// The depth of the point is r . d.
 // Alpha is below 1/255 if u^2 + v^2 is above `limit`.
 #define FACE_MEMBERS(REAL, INT)                                                                              \
     {                                                                                                        \
@@ -121,8 +121,8 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     f->y = middle.y;
     real ex = root(greater(squares.x, (real)LEAST)), ey = root(greater(squares.y, (real)LEAST));
 
-    // The samples with an alpha of 1/255 or more, of the disc, and of the filter around the middle of the
-    // official box.
+    // The samples with an alpha of 1/255 or more.
+    // The samples belong to the disc, or to the filter around the middle of the official box.
     real level = 2.0f / LOG2E * log2_fast(greater(255.0f * f->opacity, (real)1e-30f));
     f->limit = level + 1e-3f;
     vec2 here;

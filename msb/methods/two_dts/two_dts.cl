@@ -22,8 +22,8 @@
 #define SHAPE(REAL) REAL lines[LINES];
 #elif PLANAR
 // corner is corner 1 in camera space, and distance is the product of corner and the normal.
-// The vector from this corner to a point of the plane, times dual2 and dual3, gives barycentric coordinates 2
-// and 3.
+// The vector from this corner to a point of the plane gives two barycentric coordinates.
+// The product of this vector and dual2 is coordinate 2, and the product with dual3 is coordinate 3.
 #define SHAPE(REAL) REAL corner[3], dual2[3], dual3[3], distance;
 #else
 // Corners in samples, 1 / twice the area, and camera depth of the corners.
@@ -45,8 +45,8 @@ typedef struct FACE_MEMBERS(real, mask) Faces;
 #define ECCENTRICITY(f, s) ((s)->eccentricity)
 #endif
 
-// The divisor is |w| + eps instead of w, so a point behind the camera has a negative z and fails the near
-// test.
+// The divisor is |w| + eps instead of w.
+// A point behind the camera then has a negative z and fails the near test.
 vec3 to_ndc(__constant View *view, vec3 p)
 {
     __constant float *m = view->full;
@@ -66,8 +66,7 @@ Box dilated_tiles(__constant View *view, vec2 a, vec2 b, vec2 c)
 
 #if ENGINE
 // Engine sampling is the same for both rasterizers.
-// Graphics hardware draws nothing outside a triangle, but the falloff of this method extends beyond the
-// edges.
+// Graphics hardware draws nothing outside a triangle, but the falloff of this method extends further.
 // Therefore each triangle is enlarged about its centroid until it contains the whole falloff.
 mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box *official, Box *box,
                    real *depth)
@@ -122,8 +121,8 @@ mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box 
     return !dropped;
 }
 #else
-// The "2D" rasterizer: perspective is linearised at the centroid, and corners are moved outwards by half a
-// sample.
+// The "2D" rasterizer: perspective is linearised at the centroid.
+// Corners are moved outwards by half a sample.
 mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box *official, Box *box,
                    real *depth)
 {
@@ -168,8 +167,8 @@ mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box 
     f->normal[2] = normal.z / area_3d;
 
     // The points of eccentricity E form the triangle enlarged E times about its centroid.
-    // In thin triangles, rounding moves samples by up to `noise`, so samples outside any tight box can be
-    // covered.
+    // In thin triangles, rounding moves samples by up to `noise`.
+    // Therefore samples outside any tight box can be covered.
     vec2 low = {lesser(lesser(u[0].x, u[1].x), u[2].x), lesser(lesser(u[0].y, u[1].y), u[2].y)};
     vec2 high = {greater(greater(u[0].x, u[1].x), u[2].x), greater(greater(u[0].y, u[1].y), u[2].y)};
     real longest = greater(high.x - low.x, high.y - low.y), across = f->limit * longest + TILE;
@@ -238,8 +237,8 @@ Columns columns_of(FACE_POINTER f, real x, __constant View *view)
 
 #if LANES == 8
 #define ABS(x) ((x) < 0.0f ? -(x) : (x))
-// Return which pairs of rows y and y + 1 (one pair per lane) may contain a covered sample in the eight
-// columns from `left` on.
+// Return which row pairs y, y + 1 (one per lane) may contain a covered sample in the eight columns that begin
+// at `left`.
 // At a covered sample, all three barycentric coordinates are above (1 - limit) / 3.
 // Test each coordinate at the corner of the block where the coordinate is largest.
 mask reaches(FACE_POINTER f, float left, real y)

@@ -19,8 +19,8 @@ struct Face {
 }
 #else
 #if PLANAR
-// The vector from corner 1 in camera space to a point of the plane, times dual2 and dual3, gives barycentric
-// coordinates 2 and 3.
+// The vector from corner 1 in camera space to a point of the plane gives two barycentric coordinates.
+// The product of this vector and dual2 is coordinate 2, and the product with dual3 is coordinate 3.
 struct Face {
     quad: vec4<f32>,
     corner: vec4<f32>, // then the product of corner 1 and the normal
