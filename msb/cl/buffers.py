@@ -275,9 +275,9 @@ class Memory:
         return sum(bytes_by_use(self.queue.allocations).values())
 
     def _works_in_place(self) -> bool:
-        # PoCL works directly on host memory. Other platforms may copy the array, and may write the copy back
-        # when the buffer is mapped. Intel's platform copies arrays of some alignments, and then crashes if
-        # the array is a read-only mapped file.
+        # PoCL works directly on host memory. Platforms other than PoCL may copy the array, and may write the
+        # copy back when the buffer is mapped. Intel's platform copies arrays of some alignments, and then
+        # crashes if the array is a read-only mapped file.
         record = self.queue.record
         return short_name(record.platform) == "pocl" and record.kind == "cpu"
 

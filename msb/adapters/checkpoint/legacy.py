@@ -2,11 +2,11 @@
 
 `torch.save` can still write this layout on request.
 
-The file has five pickles. They are a magic number, the number 1001, properties of the machine, the saved
-value, and the list of storage keys. The storages follow. Each storage consists of its number of elements (64
-bits), followed by the elements. The pickle of the saved value states the types of the storages, and these
-types determine the positions of later storages. The pickle is therefore interpreted twice. The first run
-collects the storages and their types; the second run knows the positions of the storages. Source:
+The file has five pickles. The pickles are a magic number, the number 1001, properties of the machine, the
+saved value, and the list of storage keys. The storages follow. Each storage consists of its number of
+elements (64 bits), followed by the elements. The pickle of the saved value states the types of the storages,
+and these types determine the positions of later storages. The pickle is therefore interpreted twice. The
+first run collects the storages and their types; the second run knows the positions of the storages. Source:
 pytorch/pytorch `torch/serialization.py` (`_legacy_save`).
 """
 

@@ -111,8 +111,8 @@ def _check_structure(root: Any) -> None:
 
     Time and memory are linear in the number of different containers, even if containers are shared.
     """
-    # This is a depth-first search without recursion. `known` has the finished containers by id. `open_now`
-    # has the ids of the containers on the path.
+    # The function searches depth-first, without recursion. `known` has the finished containers by id.
+    # `open_now` has the ids of the containers on the path.
     path = [_Node([root])]
     known: dict[int, _Node] = {}
     open_now: set[int] = set()

@@ -27,7 +27,7 @@ double face_area(__global const COORDINATE *p, __global const COORDINATE *q, __g
 #define SOON 12 // number of faces to prefetch ahead, so that their vertices and components are already cached
 
 // For each face, write the area (0 if not finite) and the component in `parents` (its lowest face).
-// Also write the initial state for uniting boundary edges.
+// Write the initial state for uniting boundary edges as well.
 // All elements of `sizes` are initially zero.
 // For each work-item, `samples` gets the number of zero-area faces with distinct vertices, and the first of
 // these faces.

@@ -110,7 +110,7 @@ void visit_large(__global Record *records, uint count, Visit *visit, uint v, uin
     }
     words = sort_upper(words, other, 2 * count, vertices);
     // For each side, this array holds the opposite side.
-    // It uses the half of the scratch memory that the words leave free.
+    // The array uses the half of the scratch memory that the words leave free.
     __global uint *across = (__global uint *)(words == other ? visit->scratch : other);
     uint valence = 0, most = 0, groups = count;
     // Each run of equal neighbours is an edge with n faces.

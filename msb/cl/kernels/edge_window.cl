@@ -63,7 +63,7 @@ mask project_window(__constant View *view, vec3 a, vec3 b, vec3 c, Window *w)
 
     vec2 p = w->corners[0], q = w->corners[1], r = w->corners[2];
     // Small triangles always fail the inradius test below, because the inradius is at most half the radius.
-    // This shortcut excludes triangles with coincident corners, whose inradius is NaN. Most triangles of a
+    // The shortcut excludes triangles with coincident corners, whose inradius is NaN. Most triangles of a
     // captured scene are this small.
     mask tiny = (radius < 1.9f) & ((p.x != q.x) | (p.y != q.y)) & ((q.x != r.x) | (q.y != r.y)) &
                 ((p.x != r.x) | (p.y != r.y));
@@ -91,7 +91,7 @@ mask project_window(__constant View *view, vec3 a, vec3 b, vec3 c, Window *w)
 }
 
 // Samples with alpha of at least 1/255 lie in the triangle shrunk around its incentre until phi = `rim`.
-// This region is empty if `rim` is above 1.
+// The shrunk triangle is empty if `rim` is above 1.
 // The slack covers rounding errors of edges, which a sharp corner magnifies.
 Box window_box(__constant View *view, const Window *w, real rim)
 {

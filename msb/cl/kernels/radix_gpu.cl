@@ -1,6 +1,6 @@
 // One pass of a stable radix sort in GPU style.
 // A work-group sorts a tile of GROUP * ITEMS keys by one digit in local memory, ROUND bits at a time.
-// Then the work-group writes runs of equal digits.
+// The work-group then writes runs of equal digits.
 // Counting, prefix sum and rank follow Satish, Harris and Garland (2009).
 // Title: Designing efficient sorting algorithms for manycore GPUs.
 // The type KEY is uint or ulong.

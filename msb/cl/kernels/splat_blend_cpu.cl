@@ -24,8 +24,8 @@ typedef struct {
 
 // Returns whether a sample can still change.
 // After the sample stops, its transmittance rejects all further faces.
-// This transmittance is negative if the face that crosses the threshold is rejected.
-// Otherwise the transmittance is at most the threshold.
+// A stopped sample has a negative transmittance if the face that crosses the threshold is rejected.
+// If that face is blended, the transmittance is at most the threshold.
 #if BLENDS_CROSSING
 #define RUNNING(t) ((t) > MIN_TRANSMITTANCE)
 #else

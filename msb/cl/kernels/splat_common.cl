@@ -2,7 +2,7 @@
 // The shared code has the view, vectors in the official order of operations, and lanes.
 // Code with lanes serves both kernel styles, so a method needs only one coverage function.
 //
-// Only MAD is fused.
+// Only the operation MAD is fused.
 // Depth keys, culling tests, tile rectangles and inside tests must round as in the official kernels.
 // By default the compiler decides about fusing, and devices differ.
 #pragma OPENCL FP_CONTRACT OFF
@@ -74,7 +74,7 @@ typedef int8 mask;
 real MAD(real a, real b, real c);
 
 // Adding 1.5 * 2^23 leaves the rounded integer in the low bits.
-// This avoids the conversion instruction, which PoCL emits separately for each lane.
+// The addition avoids the conversion instruction, which PoCL emits separately for each lane.
 #define MAGIC 12582912.0f
 
 // 2^x for -126 <= x <= 127, by a minimax fit on [-0.5, 0.5]; the relative error is 2e-9 before rounding.

@@ -30,7 +30,8 @@
 // ---- bounds of clusters of triangles
 
 // Each work-item handles a group of clusters.
-// It computes the pixels that the group and each cluster can reach, and 1 / z of their nearest points.
+// The kernel computes the pixels that the group and each cluster can reach, and 1 / z of their nearest
+// points.
 // `boxes` has centre and half extent, in six rows of `stride` values.
 // `rects` has x0, y0, x1, y1, ends included, in four rows.
 // An empty rectangle reaches no pixel.

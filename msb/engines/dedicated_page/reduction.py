@@ -33,8 +33,8 @@ _FEW = 4 * LEVELS
 def quantise(asset: Asset) -> Asset:
     """Return `asset` with positions rounded to 16 bits per chunk of neighbours, and other values to 8 bits.
 
-    Faces and vertices are reordered along a space-filling curve, so that neighbours share a chunk. Faces at
-    exactly equal depths may then be blended in a different order.
+    Faces and vertices are reordered along a space-filling curve, so that neighbours share a chunk. Reordering
+    may change the blending order of faces at exactly equal depths.
     """
     buffers = dict(asset.buffers)
     _reorder_along_curve(asset, buffers)
@@ -59,9 +59,8 @@ def quantise(asset: Asset) -> Asset:
 def _round_to_levels(values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return values (N,) rounded to 256 levels.
 
-    The density of the levels is the cube root of the density of the values. This density of the levels
-    minimises the squared error (Panter and Dite, 1951). The minimum and the maximum of the values do not
-    change.
+    The density of the levels is the cube root of the density of the values. The cube root minimises the
+    squared error (Panter and Dite, 1951). The minimum and the maximum of the values do not change.
     """
     finite = values[np.isfinite(values)]
     if not len(finite):

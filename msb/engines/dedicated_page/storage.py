@@ -12,7 +12,7 @@ The key `how` of the head names the encoding of the stream:
   values are origin + code * step.
 
 Values and codes are stored column by column. A column is stored as planes: the first byte of all rows, then
-the second byte, and so on. Similar bytes are then next to each other and compress better.
+the second byte, and so on. Planes compress better, because similar bytes are next to each other.
 """
 
 import zlib

@@ -50,6 +50,6 @@ fn color_of(first: vec3<f32>, row: u32, towards: vec3<f32>) -> vec3<f32> {
         sum += term(start, 24u, 0.6258357354491761 * (xx * (xx - 3.0 * yy) - yy * (3.0 * xx - yy)));
     }
     sum += 0.5;
-    // Also applies if the direction is NaN.
+    // The colour is 0 if the direction is NaN.
     return select(vec3<f32>(0.0), sum, sum > vec3<f32>(0.0));
 }

@@ -74,8 +74,8 @@ struct Targets {
 // The sample is then complete.
 // Hardware cannot read T while it blends, so faces are drawn in chunks.
 // A fragment only knows T at the start of its chunk.
-// This T is at least the current T, so the official renderer also skips every face that is skipped here.
-// Instead of such a face, the background is blended with alpha 1.
+// The T of the fragment is at least the current T, so the official renderer skips the same faces, and possibly more.
+// Instead of a skipped face, the background is blended with alpha 1.
 // The background fills the sample, so the hardware multiplies all later faces of the sample by 0.
 @group(0) @binding(2) var covered: texture_2d<f32>; // 1 - T
 #endif

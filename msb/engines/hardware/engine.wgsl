@@ -71,7 +71,7 @@ fn engine_box(p: array<vec3<f32>, 3>) -> vec4<i32> {
 }
 
 // Projects a triangle.
-// Its window function is 1 at the incentre if `incentre` is true, else at the centroid.
+// The window function is 1 at the incentre if `incentre` is true, else at the centroid.
 fn project_engine(corners: array<vec3<f32>, 3>, incentre: bool) -> EngineTriangle {
     var t: EngineTriangle;
     let p = array<vec3<f32>, 3>(to_camera(corners[0]), to_camera(corners[1]), to_camera(corners[2]));

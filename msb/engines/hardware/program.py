@@ -37,8 +37,8 @@ _MAX_GROUPS = 65535
 _BLOCK = 2048
 _DIGIT_BITS = 4
 _KEY_BITS = 32
-# In some methods, a sample is complete once its transmittance falls below a threshold. The remaining faces
-# then do not affect the sample. If a method stops samples, its faces are drawn in this number of chunks.
+# In some methods, a sample is complete once its transmittance falls below a threshold. A complete sample
+# ignores the remaining faces. If a method stops samples, its faces are drawn in this number of chunks.
 # Hardware blending reveals the transmittance only between chunks. Blending in more chunks is more accurate,
 # but slower. With 32 chunks all golden views have at least 70 dB; docs/dedicated.md has measurements.
 STOPS = 32

@@ -75,7 +75,8 @@ fn project_window(p: array<vec3<f32>, 3>, w: ptr<function, Window>) -> bool {
 }
 
 // Returns the box of samples with an alpha of 1/255 or more.
-// It is the box of the triangle shrunk about its incentre to the contour phi = `rim`, and empty if `rim` exceeds 1.
+// The triangle is first shrunk about its incentre to the contour phi = `rim`.
+// The box is empty if `rim` exceeds 1.
 // The box is enlarged by the rounding error of the edges, which is larger at sharp corners.
 fn window_box(w: ptr<function, Window>, rim: f32) -> vec4<i32> {
     let p = (*w).corners[0];

@@ -31,7 +31,7 @@ function enableExtensions() {
 const { floats, clip } = enableExtensions();
 
 // Called when the WebGL context is lost, and when the context is restored.
-// Then three.js recreates its objects.
+// After a restore, three.js recreates its objects.
 let onWebGlChange = (lost) => say(lost ? "The WebGL context was lost, so nothing can be drawn. Reload the page." : "");
 canvas.addEventListener("webglcontextlost", () => onWebGlChange(true));
 canvas.addEventListener("webglcontextrestored", () => { enableExtensions(); onWebGlChange(false); show(); });

@@ -3,7 +3,7 @@
 //
 // The key of a pixel has 64 bits.
 // The upper half is the bits of depth + 2 minus the bits of 1; the lower half is the face number.
-// In any order of fragments, the smallest key is the nearest fragment.
+// The smallest key is the nearest fragment, in any order of fragments.
 // At equal depths, the smallest key has the lowest face number.
 // Without 64-bit atomics (KEYS 0) the triangles are drawn twice.
 // The first pass finds depths, and the second pass finds the faces at these depths.

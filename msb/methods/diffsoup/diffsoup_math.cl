@@ -149,8 +149,8 @@ static void harmonics(real x, real y, real z, real *e)
 // From here on products and sums may be fused, because no decision depends on the rounding.
 #pragma OPENCL FP_CONTRACT ON
 
-// exp(x) is accurate to 2 ulp; beyond +-87 the logistic function is constant.
-// This function is implemented here so that one pixel and eight pixels give equal bits.
+// exp(x) is accurate to 2 ulp; beyond +-87 the logistic function is constant. exp is implemented here so that
+// one pixel and eight pixels give equal bits.
 // The scalar and vector functions of a platform may differ.
 static real exponential(real x)
 {

@@ -66,8 +66,8 @@ def render(
 ) -> ReferenceFrame:
     """Return the frame of `asset` from `camera`; see `render_reference`.
 
-    The depth of a Gaussian at a sample is the conditional mean of z at this sample. It differs from the depth
-    of the Gaussian's centre.
+    The depth of a Gaussian at a sample is the conditional mean of z at this sample. The conditional mean
+    differs from the depth of the Gaussian's centre.
     """
     real, rasterizer = dtype, settings["rasterizer"]
     view = splatting_camera(camera, NEAR, FAR, dtype)

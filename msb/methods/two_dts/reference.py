@@ -161,7 +161,7 @@ def bounds(points: Reals, width: int, height: int) -> tuple[Rectangles, Reals]:
 def project(points: Reals, view: SplattingCamera) -> Reals:
     """Return normalised device coordinates of points (..., 3); the divisor is |w| + eps instead of w.
 
-    Points behind the camera then have a negative z and fail the near test.
+    Points behind the camera therefore have a negative z and fail the near test.
     """
     h = transform(view.full_projection, points)
     return np.asarray(h[..., :3] * (1 / (np.abs(h[..., 3:]) + h.dtype.type(EPS))))

@@ -57,8 +57,8 @@ def keep_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays)
     """Keep a model of `count` faces on the device in stored order.
 
     The scope receives every array under its name. The scope also receives "numbers", the face number of each
-    row as uint32. It further receives "bounds" and, in CPU style, "groups", which splat_bounds.cl describes.
-    `program` is the method's program.
+    row as uint32. The scope further receives "bounds" and, in CPU style, "groups", which splat_bounds.cl
+    describes. `program` is the method's program.
     """
     kept, device = scope.kept, scope.device
     for name, array in arrays.items():
