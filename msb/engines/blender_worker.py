@@ -27,7 +27,7 @@ def main() -> None:
             else:
                 answer = worker.render(request)
             answer["resident"] = resident()
-        except Exception as error:  # pass Blender's message on
+        except Exception as error:  # forward Blender's message
             answer = {"error": f"{type(error).__name__}: {error}"}
         answers.write(json.dumps(answer) + "\n")
         answers.flush()

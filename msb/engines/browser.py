@@ -27,7 +27,7 @@ from msb.errors import DeviceError, shorten
 
 # The environment variable with the path of the browser to use.
 VARIABLE = "MSB_BROWSER"
-# If the variable is not set, msb searches PATH for these names. On macOS and Windows, it then searches the
+# If the variable is not set, msb searches PATH for these names. On macOS and Windows, msb also searches the
 # usual installation paths.
 _NAMES = (
     "chromium",
@@ -71,7 +71,7 @@ _WEBGPU_SOFTWARE = (
     # The watchdog of the browser would end slow GPU work, such as shaders on a busy machine.
     "--disable-gpu-watchdog",
 )
-# File suffix -> MIME type. Browsers only execute scripts with the correct MIME type.
+# The MIME type of each file suffix. Browsers only execute scripts with the correct MIME type.
 _MIME_TYPES = {
     "html": "text/html",
     "js": "text/javascript",

@@ -3,8 +3,8 @@
 A pickle is a program for a small stack machine. Python's own interpreter imports and calls everything that
 the program names, so it must never load an untrusted pickle. This interpreter has the 40 instructions that
 are needed for dicts, lists, tuples, text, numbers and tensors. Names select functions from the list in
-`names.py`. Instructions and names outside this part raise an error. Sources for the meaning of instructions:
-the comments of python/cpython `Lib/pickletools.py`, and PEP 3154 for protocol 4.
+`names.py`. Unsupported instructions and names raise an error. Sources for the meaning of instructions: the
+comments of python/cpython `Lib/pickletools.py`, and PEP 3154 for protocol 4.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from msb.adapters.checkpoint.tensors import DeclaredStorages, Refusal, Unfinishe
 if TYPE_CHECKING:
     from msb.adapters.checkpoint.tensors import Storages
 
-# Maximum number of instructions. A few thousand instructions are usual. A list with the loss of each
-# training step adds 10,000. An instruction can need some hundred bytes, for example for an empty dict. The
-# limit therefore bounds the memory to some hundred MiB.
+# Maximum number of instructions. A few thousand instructions are usual. A list with the losses of all
+# training steps adds 10,000 instructions. An instruction can need some hundred bytes, for example for an
+# empty dict. The limit therefore bounds the memory to some hundred MiB.
 MAX_OPCODES = 1_000_000
 # Maximum number of memo entries. The maximum is half of MAX_OPCODES, because an entry takes two instructions:
 # one creates the value, one stores it.

@@ -111,8 +111,8 @@ void list_small(const Star *s, const Visit *visit, int kind, ulong number, uint 
 }
 
 // Face i has a boundary edge here; follow its fan of faces to the fan's other end.
-// Return the face at the other end if its side is also a boundary edge, otherwise NOBODY. `rim_y` and `rim_z`
-// mark the faces whose side y or z is a boundary edge.
+// Return the face at the other end if its side is also a boundary edge, otherwise NOBODY.
+// `rim_y` and `rim_z` mark the faces whose side y or z is a boundary edge.
 uint other_end(const Star *s, uint i, uint rim_y, uint rim_z)
 {
     uint through = s->sharing[rim_y & BIT(i) ? MOST + i : i];

@@ -1,8 +1,8 @@
 // This file solves the equations of msb/bake/texture_equations.py by conjugate gradients.
 // Red, green and blue are solved together, in x, y and z.
 // Each work-item handles RUN consecutive texels, so sums are equal in every run.
-// msb/bake/texture_equations.py defines RUN. NOTHING, in the same file, is the residual below which a
-// solution is exact.
+// msb/bake/texture_equations.py defines RUN.
+// NOTHING, in the same file, is the residual below which a solution is exact.
 
 // Tie neighbouring texels of a chart to each other, and tie a texel without neighbours to its current value.
 // Without these ties, texels that no image shows could take arbitrary values.

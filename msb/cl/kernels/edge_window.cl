@@ -63,8 +63,8 @@ mask project_window(__constant View *view, vec3 a, vec3 b, vec3 c, Window *w)
 
     vec2 p = w->corners[0], q = w->corners[1], r = w->corners[2];
     // Small triangles always fail the inradius test below, because the inradius is at most half the radius.
-    // The shortcut excludes triangles with coincident corners, whose inradius is NaN. Most triangles of a
-    // captured scene are this small.
+    // The shortcut excludes triangles with coincident corners, whose inradius is NaN.
+    // Most triangles of a captured scene are this small.
     mask tiny = (radius < 1.9f) & ((p.x != q.x) | (p.y != q.y)) & ((q.x != r.x) | (q.y != r.y)) &
                 ((p.x != r.x) | (p.y != r.y));
     dropped |= (radius > MAX_RADIUS) | (radius < 1.0f) | tiny;

@@ -23,7 +23,7 @@ __kernel void count_tiles(__global const uint *order, __global const Tiles *tile
     for (size_t i = from; i < to; i++) {
         PREFETCH_FAR(tiles + order[i + AHEAD < to ? i + AHEAD : i]);
         Tiles b = tiles[order[i]];
-        ordered_tiles[i] = b; // the next pass reads these sequentially
+        ordered_tiles[i] = b; // the next pass reads the array in order
         if (IS_SMALL(b)) {
             uint wide = b.z - b.x - 1u, tall = b.w - b.y - 1u;
             __global uint *first = mine + b.y * columns + b.x, *below = first + tall * columns;

@@ -36,7 +36,7 @@ typedef struct {
     // TILES_REACHED lists a face in all tiles that it reaches.
     // TILES_OFFICIAL uses the official tiles of the face.
     // TILES_BOTH uses the official tiles that the face reaches.
-    // The last two give the same image.
+    // TILES_OFFICIAL and TILES_BOTH give the same image.
     // msb/render/splat/pipeline.py defines these constants.
     uint tile_rule;
     Limits limits;

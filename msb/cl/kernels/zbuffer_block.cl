@@ -159,8 +159,8 @@ void draw_outline(Tile *t, int slot, __constant float *view)
 
 // ---- eight triangles
 
-// Edge functions of eight triangles in 64 bits, divided by UNIT. The values fit into 32 bits up to the extent
-// MEDIUM.
+// Edge functions of eight triangles in 64 bits, divided by UNIT.
+// The values fit into 32 bits up to the extent MEDIUM.
 #define WIDE(a, b) (TO_LONG4(a) * TO_LONG4(b))
 int8 edge8(int8 dx, int8 dy, int8 to_x, int8 to_y)
 {

@@ -1,4 +1,5 @@
-// The opaque z-buffer on a CPU. One work-item per processor draws one tile after another.
+// The opaque z-buffer on a CPU.
+// One work-item per processor draws one tile after another.
 // The work-item draws eight triangles or eight pixels at once.
 // The only atomic is the tile counter.
 // docs/standard.md has the rules.

@@ -1,4 +1,5 @@
-// The opaque z-buffer on a GPU. First, one work-item per triangle uses atomics on pixels.
+// The opaque z-buffer on a GPU.
+// First, one work-item per triangle uses atomics on pixels.
 // After that, one work-item shades each pixel.
 // Triangles that would occupy a work-item for long are listed and drawn by whole work-groups.
 // The arithmetic and the image are the same as on a CPU (zbuffer_math.cl).

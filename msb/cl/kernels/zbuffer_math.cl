@@ -93,8 +93,9 @@ typedef float real;
         Z = MAD(a, view[6], MAD(b, view[7], MAD(c, view[8], view[SHIFT + 2])));                                 \
     }
 
-// 1 / z is affine on the screen: with n the normal of the plane and d = n . corner, 1 / z = (n . (u, v, 1)) /
-// d for u, v in units from the principal point.
+// 1 / z is affine on the screen.
+// With the plane's normal n and d = n . corner, 1 / z is (n . (u, v, 1)) / d.
+// The coordinates u and v are in units from the principal point.
 // A and B are the slopes of 1 / z per unit.
 // The edge vectors start at the corner with the least depth.
 // Edge vectors from a corner a hundred times as far are nearly parallel, and rounding would tilt their plane.
@@ -356,7 +357,8 @@ Outline make_outline(__global const float *record, __constant float *view)
 // On an edge the function is 0.
 // The sample then belongs to the triangle only if the edge is a left or top edge.
 // Therefore exactly one of two triangles that share an edge takes the sample.
-// The values are divided by UNIT. Division keeps the sign, because steps of a pixel are multiples of UNIT.
+// The values are divided by UNIT.
+// Division keeps the sign, because steps of a pixel are multiples of UNIT.
 typedef struct {
     long e[3];        // value at the centre of pixel (x, y)
     long dx[3], dy[3]; // e changes by -dy per pixel to the right, by +dx per pixel downwards

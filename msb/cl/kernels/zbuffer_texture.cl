@@ -1,8 +1,8 @@
 // Textures for the opaque z-buffer: the colour of a face at one sample or at eight samples (LANES 8).
 // docs/standard.md has the rules; `sample` in msb/asset/texture.py is a readable version in NumPy.
 //
-// A triangle record has u, v of its corners in UV_WORD and after FACE_WORD. `tints`, if used, holds linear
-// light and alpha of the corners of each slot.
+// A triangle record has u, v of its corners in UV_WORD and after FACE_WORD.
+// `tints`, if used, holds linear light and alpha of the corners of each slot.
 // With several textures, `numbers` holds the texture of each slot.
 // `texels` holds all levels of all textures, each with an extra column and row.
 // A texel is linear light and alpha, with 16 bits each.
@@ -223,7 +223,8 @@ INLINED void add_taps(__global const ushort4 *texels, const Taps *taps, floats *
 
 // Weights of the second and third corner at a sample, and the steps of these weights per pixel along x and y.
 // The order is w[0], w[1], w[0] along x, w[1] along x, w[0] along y, w[1] along y.
-// Computes the weights as in WEIGHTS. The volumes are products of the ray with constant vectors of the face.
+// Computes the weights as in WEIGHTS.
+// The volumes are products of the ray with constant vectors of the face.
 // The steps of the volumes follow from the steps of the ray.
 void weights_and_steps(const floats *c, __constant float *view, floats px, floats py, floats *w)
 {

@@ -384,8 +384,8 @@ def _shrink_factor(stored: NDArray[np.float32], plan_positions: NDArray[np.float
     largest = np.unravel_index(np.abs(arms).argmax(), arms.shape)
     if arms[largest] == 0:
         return None
-    # Estimate the factor from the longest vector to a corner. Then try the float32 values around this
-    # estimate, nearest first.
+    # Estimate the factor from the longest vector to a corner. Try the float32 values around the estimate,
+    # nearest first.
     guess = np.float32((shrunk - center)[largest] / arms[largest])
     near = guess + np.arange(-64, 65) * np.spacing(guess)
     sample = slice(0, 64)  # testing a few triangles first is faster

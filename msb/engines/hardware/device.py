@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from msb.engines.hardware.plan import SLOT, Binding, ComputePass, DrawPass, Plan
 from msb.engines.webgpu_adapter import Gpu
 
-# Kind of a `Binding` -> entry in a bind group layout.
+# The entry in a bind group layout for each kind of `Binding`.
 _LAYOUTS = {
     "uniform": {"buffer": {"type": "uniform"}},
     "read": {"buffer": {"type": "read-only-storage"}},
@@ -156,7 +156,7 @@ class DevicePlan:
             gpu.texture(name, width, height, form, "texture_binding", usage)
 
     def _targets(self) -> dict[str, str]:
-        """Return the textures that the passes of a band write, as name -> format."""
+        """Return the formats, by name, of the textures that the passes of a band write."""
         formats: dict[str, str] = {}
         for step in self._plan.band_passes:
             if isinstance(step, DrawPass):

@@ -20,7 +20,7 @@ struct EngineTriangle {
     weight: vec3<f32>,
     // Coefficients of four affine functions of a sample's x and y.
     // Three functions are barycentric coordinates / depth, times `weight`.
-    // At the centre, the smallest of these values, times the depth, is 1.
+    // At the centre, the smallest of the three values is 1 / depth.
     // The fourth function is 1 / depth.
     along_x: vec4<f32>,
     along_y: vec4<f32>,

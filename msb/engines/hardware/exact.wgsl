@@ -46,7 +46,8 @@ fn root(a: f32) -> f32 {
     return select(s, better, a > 1e-25 && a < 1e25);
 }
 
-// The two functions below return b if a or b is NaN. (The functions min and max of WGSL are undefined for NaN.)
+// The two functions below return b if a or b is NaN.
+// (The functions min and max of WGSL are undefined for NaN.)
 fn lesser(a: f32, b: f32) -> f32 { return select(b, a, a < b); }
 fn greater(a: f32, b: f32) -> f32 { return select(b, a, a > b); }
 

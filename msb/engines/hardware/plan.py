@@ -71,9 +71,9 @@ class Plan:
 
     # Name -> WGSL.
     modules: Mapping[str, str]
-    # Name of a buffer -> size in bytes and usages of the buffer.
+    # The size in bytes and the usages of each buffer, by name.
     buffers: Mapping[str, tuple[int, tuple[str, ...]]]
-    # Name of a buffer -> content of the buffer, if the content is uploaded only once.
+    # The content of each buffer that is uploaded only once, by name.
     data: Mapping[str, NDArray[Any]]
     passes: tuple[ComputePass, ...]
     band_passes: tuple[DrawPass | ComputePass, ...]

@@ -226,11 +226,11 @@ class HardwareRenderer:
         return keys, self._device_plan.read("rectangles").view(np.int32).reshape(-1, 4)[:count]
 
     def memory(self) -> Mapping[str, int]:
-        """Return the memory of every buffer and texture, as name of the use -> bytes."""
+        """Return the bytes of every buffer and texture, by use."""
         return self._gpu.memory()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return the groups for reports of memory, as name of a use -> name of its group."""
+        """Return the group in memory reports for each use."""
         return {name: _GROUPS[word] for name in self._gpu.resources if (word := name.split()[0]) in _GROUPS}
 
     def close(self) -> None:

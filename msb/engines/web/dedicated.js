@@ -1,7 +1,7 @@
 "use strict";
 import { matrixOf } from "./camera.js";
-// Executes the plan of a frame (msb/engines/hardware/program.py) with WebGPU. WGSL, buffers and passes are the same as
-// in the renderer `wgpu`.
+// Executes the plan of a frame (msb/engines/hardware/program.py) with WebGPU.
+// WGSL, buffers and passes are the same as in the renderer `wgpu`.
 // For each frame, this script only computes the uniform buffer of the camera.
 const SLOT = 256;        // bytes between the entries of a uniform buffer
 const PIXEL_BYTES = 20;  // red, green, blue, alpha and depth of a pixel, float32

@@ -142,8 +142,8 @@ const greyMaterial = () => new THREE.ShaderMaterial({
 });
 
 // Returns an unlit material with the colours and the texture of a glTF material.
-// If the colours are linear light, the shader finally encodes them as sRGB. The colours of textures are always linear
-// light.
+// If the colours are linear light, the shader finally encodes them as sRGB.
+// The colours of textures are always linear light.
 function materialOf(geometry, old) {
   const colored = geometry.attributes.color !== undefined, map = old?.map || null;
   if (!colored && !map && (!old || old.color.getHex() === 0xffffff)) return greyMaterial();

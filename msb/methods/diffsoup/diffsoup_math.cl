@@ -172,8 +172,8 @@ static real exponential(real x)
     return p * AS_REAL((AS_WHOLE(t) - 0x4b400000 + 127) << 23);
 }
 
-// One hidden layer with 16 inputs, 16 outputs and ReLU. Eight sums are computed side by side, to hide the
-// latency of each product.
+// One hidden layer with 16 inputs, 16 outputs and ReLU.
+// Eight sums are computed side by side, to hide the latency of each product.
 static void hidden_layer(const real *x, __constant const float *weight, __constant const float *bias, real *y)
 {
     const real zero = 0.0f;
