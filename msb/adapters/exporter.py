@@ -39,7 +39,7 @@ class Adapter(Protocol):
 def adapters() -> dict[str, Adapter]:
     """Return the adapters by method in the order of detection: adapters of other packages come first.
 
-    An adapter from another package is asked first, so it can distinguish its files from files of the built-in
+    An adapter from another package is tried first, so it can distinguish its files from files of the built-in
     methods. The built-in adapters cannot recognise the files of other packages.
     """
     by_name = {name: adapter for name in METHODS if (adapter := _by_name(name)) is not None}
@@ -123,10 +123,10 @@ def read_model(
     """Return the trained model at `path`, or at a place returned by `locate`. The function raises the errors
     of `export`.
 
-    `settings` can also be a sequence of texts such as "gamma=20". Faces with a NaN or infinite value are
-    left out with a warning; if no face remains, the function raises an error. `reject` chooses the values
-    that must be finite: coordinates, or all values. A non-finite value then raises an error instead of a
-    warning. Without `check_values`, faces with non-finite values are kept, so that an audit can count them.
+    `settings` can also be a sequence of texts such as "gamma=20". Faces with a NaN or infinite value are left
+    out with a warning. If no face remains, the function raises an error. `reject` chooses the values that
+    must be finite: coordinates, or all values. A non-finite value then raises an error instead of a warning.
+    Without `check_values`, faces with non-finite values are kept, so that an audit can count them.
     """
     if method is not None and method not in tuple(METHODS):
         text = f'the method "{shorten(str(method), 40)}" is unknown; use one of {", ".join(METHODS)}'

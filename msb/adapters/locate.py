@@ -48,7 +48,7 @@ class Place:
 
     @property
     def name(self) -> str:
-        """The name for an asset of the model: the name of the output folder, or of a single file."""
+        """The name for an asset of the model. It is the name of the output folder or of the single file."""
         if self.given.is_dir():
             return self.given.resolve().name
         return self.file.stem if self.root == self.file.parent else self.root.resolve().name
@@ -62,7 +62,7 @@ def is_checkpoint(path: Path) -> bool:
 
 
 def locate(path: str | os.PathLike[str]) -> Place:
-    """Return the place of the model in `path`; of several iterations, the last is used."""
+    """Return the place of the model in `path`. If there are several iterations, the last one is used."""
     given = given_path(path)
     if given.suffix.lower() == ASSET_SUFFIX and os.path.lexists(given):
         text = "it is already a .triasset; use msb convert to write another format"
@@ -223,8 +223,8 @@ def _find_fused(folder: Path) -> Path | None:
     return next((latest / name for name in FUSED if (latest / name).exists()), None)
 
 
-# Rules that find the file of a model in a folder; a rule returns the file or None. The first file that a
-# rule finds is used.
+# Rules that find the file of a model in a folder. A rule returns the file or None. The first file that a rule
+# finds is used.
 _RULES: tuple[Callable[[Path], Path | None], ...] = (
     _find_declared,
     _find_iteration,

@@ -14,15 +14,15 @@ from msb.scenes import Camera, read_cameras
 # File of the 3DGS family in the output folder (graphdeco-inria/gaussian-splatting: scene/__init__.py).
 # File that `msb run` writes next to its assets.
 CAMERAS = "cameras.json"
-# The scene's path is shortened to its last components to find a moved scene; this is the maximum number of
-# components.
+# Maximum number of last components of the scene's path that are used to find a moved scene.
 _DEEPEST = 40
 # Number of folders above a model that are searched for a moved scene.
 _LEVELS = 6
 
 
 def training_cameras(path: Path, method: str) -> Iterator[tuple[list[Camera], Path]]:
-    """Yield the training cameras of the model at `path`, with their source, the most reliable first."""
+    """Yield the training cameras of the model at `path` with their source. The most reliable cameras come
+    first."""
     try:
         root = path.absolute().parent if is_asset(path) else locate(path).root.absolute()
         places = [root / CAMERAS] if (root / CAMERAS).is_file() else []

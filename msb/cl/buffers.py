@@ -249,7 +249,7 @@ class Memory:
         pooled = self._pool.get(name)
         if pooled is None or pooled.nbytes < nbytes:
             if pooled is not None:
-                self._pool.pop(name).release()  # free the old memory first; both might not fit
+                self._pool.pop(name).release()  # free the old memory first, because both blocks might not fit
             size = _round_up(nbytes)
             size = size if size <= self._limit() else nbytes
             pooled = self._pool[name] = self.allocate(size, np.uint8, name, group)

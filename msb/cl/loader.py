@@ -164,8 +164,7 @@ def _find_missing_entries() -> dict[str, str]:
 
 
 def _read_system_entries() -> dict[str, str]:
-    """Return the libraries in the ``*.icd`` files of the system by name, except libraries that do not
-    exist."""
+    """Return the existing libraries, by name, that the system's ``*.icd`` files list."""
     entries: dict[str, str] = {}
     for folder in _SYSTEM_VENDORS:
         with contextlib.suppress(OSError, UnicodeDecodeError):

@@ -89,8 +89,8 @@ def compiler_cpu(device: Any) -> str | None:
 
 
 def can_apply(device: Any) -> bool:
-    """Return whether the compiler of the PoCL wheel gets the name of an unknown processor, and `NAME` is a
-    compatible processor.
+    """Return whether the PoCL wheel does not know this processor, and this processor is compatible with
+    `NAME`.
     """
     if obstacle() or compiler_cpu(device) != UNKNOWN.decode():
         return False

@@ -51,7 +51,8 @@ class Agreement:
 
 
 def agreement(theirs: Sequence[Frame], ours: Sequence[Frame]) -> Agreement:
-    """Return the agreement of `theirs` with `ours`, pooled over all frames; `ours` needs face ids."""
+    """Return the agreement of `theirs` with `ours` over all frames. The frames of `ours` must have face
+    ids."""
     levels, squares, alike, inside = [], [], [], []
     for frame, reference in zip(theirs, ours, strict=True):
         assert reference.face_id is not None

@@ -31,8 +31,7 @@ from msb.scenes.colors import Color
 # The environment variable with the path of a Python interpreter that has bpy. The variable is only needed if
 # the Python interpreter of msb has no bpy.
 VARIABLE = "MSB_BLENDER"
-# Limits of Blender: smallest and largest width or height in pixels, and largest ratio of the two sides of a
-# pixel.
+# Limits of Blender: smallest and largest side of an image in pixels, and largest pixel aspect ratio.
 _MIN_SIDE, _MAX_SIDE, _MAX_ASPECT = 4, 65536, 200.0
 # Width of the camera sensor in millimetres. Images depend only on the ratio of the width to the focal length.
 # A wide sensor keeps the focal length above 1 mm, the minimum in Blender.
@@ -150,7 +149,7 @@ class _Blender(Engine):
         return process.stdout.strip()
 
     def memory(self) -> Mapping[str, int]:
-        """Return the memory growth of Blender's process in bytes; Blender reports no details."""
+        """Return the memory growth of Blender's process in bytes. Blender does not report memory by use."""
         return {"Blender's process": max(0, self._resident - self._baseline)}
 
     def close(self) -> None:

@@ -185,7 +185,7 @@ class Page:
         return self._wait(_ANSWER_SECONDS)
 
     def _wait(self, seconds: float) -> Answer:
-        """Return the next answer of the page; raise ENGINE_FAILED after `seconds`."""
+        """Return the next answer of the page. Raise ENGINE_FAILED if no answer arrives within `seconds`."""
         end = time.monotonic() + seconds
         while True:
             try:

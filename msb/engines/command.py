@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 TEST_VIEWS = 4
 # Largest width or height in pixels of a test view that we render; larger cameras are scaled down.
 TEST_SIDE = 640
-# Number of cameras, evenly spread, for --faces; the contribution of each face is summed over these cameras.
+# Number of evenly spread cameras over which --faces sums the contribution of each face.
 WEIGHING_VIEWS = 16
 # File endings of the images of --renders.
 _IMAGE_ENDINGS = (".png", ".npy")

@@ -42,7 +42,7 @@ class Engine(ABC):
     """A renderer that draws the standard-tier mesh of an asset with another engine.
 
     Renderers with other engines have the same options as our renderer of the standard tier. `device` is
-    "cpu", "gpu" or None; None lets the engine choose. The OpenCL device names and MSB_DEVICE do not apply to
+    "cpu", "gpu", or None to let the engine choose. The OpenCL device names and MSB_DEVICE do not apply to
     other engines.
     """
 

@@ -50,7 +50,7 @@ struct Between { @builtin(position) place: vec4<f32>, @location(0) color: vec3<f
 class WgpuRenderer(Engine):
     """Draws through wgpu-py.
 
-    With `device` "cpu" a software adapter draws; with "gpu" any other adapter draws.
+    With `device` "cpu", a software adapter draws. With "gpu", any other adapter draws.
 
     Frames have a `face_id` if the adapter supports primitive indices. If the adapter supports timestamps, the
     device measures times. Without timestamps, the wall clock measures times, in the stage `WALL_CLOCK`.
@@ -121,7 +121,7 @@ class WgpuRenderer(Engine):
         self._gpu.close()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return the group in memory reports for each use; textures belong to "appearance"."""
+        """Return the group in memory reports for each use. Textures belong to "appearance"."""
         textures = (use for use in self._gpu.resources if use.startswith("texture "))
         return {**super().memory_groups(), **dict.fromkeys(textures, "appearance")}
 
@@ -142,7 +142,7 @@ class WgpuRenderer(Engine):
         self._gpu.buffer("indices", 0, "index", data=mesh.indices)
 
     def _make_pipeline(self, ids: bool) -> Any:
-        """Return the render pipeline; with `ids` the pipeline writes face numbers to a second target."""
+        """Return the render pipeline. With `ids`, the pipeline writes face numbers to a second target."""
         if self._textured is None:
             attributes = {"positions": (12, "float32x3"), "vertex colors": self._color_layout}
             source = ("enable primitive_index;" if ids else "") + _HEAD + _SHADER
@@ -208,7 +208,7 @@ class WgpuRenderer(Engine):
             return self._run(camera, background, everything=False)
 
     def _run(self, camera: Camera, background: Color, *, everything: bool) -> DrawTime:
-        """Draw a frame and wait; with `everything` also draw face ids and make all targets readable."""
+        """Draw a frame and wait. With `everything`, also draw face ids and make all targets readable."""
         self._make_targets(camera.width, camera.height)
         start = time.perf_counter()
         self._gpu.device.queue.write_buffer(self._gpu.resources["camera"], 0, pack_camera(camera))

@@ -128,7 +128,7 @@ class Gpu:
         return {"platform": platform, "name": self.name, "kind": self.kind}
 
     def open(self, limits: Iterable[str], *, timed: bool) -> None:
-        """Open the device with the adapter's maximum of all `limits`; with `timed`, enable timestamps."""
+        """Open the device with the adapter's maximum of all `limits`. With `timed`, enable timestamps."""
         self.device = self.adapter.request_device_sync(
             required_features=self.features,
             required_limits={name: self.adapter.limits[name] for name in limits},

@@ -57,8 +57,8 @@ def rotate(matrix: Reals, vectors: Reals) -> Reals:
 def matrix_product(a: Reals, b: Reals) -> Reals:
     """Return the matrix product A B, with the terms of each element added from first to last.
 
-    Official code computes small float32 products with torch on a CPU, in this order of additions. BLAS fuses
-    and reorders the sums.
+    The official code uses torch on a CPU for small float32 products, which adds the terms in this order. BLAS
+    fuses and reorders the sums.
     """
     return np.stack([dot(a, np.broadcast_to(column, a.shape)) for column in b.T], axis=-1)
 

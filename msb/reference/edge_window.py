@@ -29,8 +29,8 @@ from msb.reference.tiles import Integers, Modes
 NEAR, FAR = 0.01, 100.0
 # Faces whose centroid has at most this depth (camera z, scene units) are dropped.
 NEAREST = 0.2
-# Faces are dropped if the cosine between their normal and the view direction has a magnitude below this
-# threshold.
+# Smallest absolute cosine of the angle between a face's normal and the view direction; other faces are
+# dropped.
 GRAZING = 0.001
 # Smallest divisor when a vector is normalised, in scene units. The divisor has square scene units for cross
 # products of edges.

@@ -1,4 +1,4 @@
-"""The interface of a renderer, and the lookup of renderers by tier or by the name of an entry point."""
+"""The interface of a renderer, and functions that find a renderer by its tier or by its name."""
 
 from __future__ import annotations
 
@@ -102,7 +102,8 @@ class Backend(Protocol):
 
 
 def find_renderer(name: str) -> Factory:
-    """Return the class of renderer `name`, a tier or an entry point of the group `msb.renderers`."""
+    """Return the class of renderer `name`. The name is a tier or an entry point of the group
+    `msb.renderers`."""
     with attribute_errors(name):
         return _factory(name)
 
@@ -140,8 +141,8 @@ def make_backend(factory: Factory, name: str, asset: Asset, **options: Any) -> B
 
 @contextmanager
 def attribute_errors(name: str) -> Iterator[None]:
-    """Run code of renderer `name`; errors of a renderer from another package become ENGINE_FAILED with its
-    name."""
+    """Run code of renderer `name`. If the renderer is from another package, its errors become ENGINE_FAILED
+    with its name."""
     if is_ours(name):
         yield
         return
@@ -194,7 +195,7 @@ def check_supported(asset: Asset, tier: str) -> None:
 
 
 def class_for(asset: Asset, tier: str, name: str | None, options: Mapping[str, Any]) -> Factory:
-    """Return the class that draws an asset on a renderer tier: the built-in class, or the class of the
+    """Return the class that draws an asset on a renderer tier. It is the built-in class, or the class of the
     renderer `name`.
 
     Check a tier and its options. The method must support the tier, the renderer must draw it, and the class

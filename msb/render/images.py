@@ -20,7 +20,7 @@ from msb.scenes import Camera
 
 ImageFormat = Literal["png", "npy", "exr"]
 FILM_SUFFIXES = (".mp4", ".gif")
-# Maximum number of frames that wait for a file writer. Four frames hide the delays of a slow disk; more
+# Maximum number of frames that wait for a file writer. Four frames hide the delays of a slow disk. More
 # frames would take more memory.
 _QUEUE = 4
 

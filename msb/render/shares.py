@@ -62,7 +62,7 @@ def shares_by_view(
 
 
 def _sum_by_face(faces: NDArray[np.int32], picture: Picture | None, count: int) -> NDArray[np.float64]:
-    """Return the sum of colours and the number of pixels for each face; `faces` (H, W) is -1 at the
+    """Return the sum of colours and the number of pixels for each face. `faces` (H, W) is -1 at the
     background."""
     seen = faces >= 0
     numbers = faces[seen]

@@ -6,7 +6,7 @@ The file has five pickles. The pickles are a magic number, the number 1001, prop
 saved value, and the list of storage keys. The storages follow. Each storage consists of its number of
 elements (64 bits), followed by the elements. The pickle of the saved value states the types of the storages,
 and these types determine the positions of later storages. The pickle is therefore interpreted twice. The
-first run collects the storages and their types; the second run knows the positions of the storages. Source:
+first run collects the storages and their types. The second run knows the positions of the storages. Source:
 pytorch/pytorch `torch/serialization.py` (`_legacy_save`).
 """
 
@@ -53,7 +53,7 @@ def read_legacy(view: memoryview) -> Any:
 
 
 def _pickle_at(view: memoryview, start: int, storages: Storages | None = None) -> tuple[Any, int]:
-    """Return the value of the pickle at byte `start` of the file, and the end of the pickle."""
+    """Return the value of the pickle that begins at byte `start` of the file, and the position of its end."""
     data = bytes(view[start : start + MAX_PICKLE])
     try:
         value, end = run_pickle(data, storages, origin=start)

@@ -39,8 +39,9 @@ class ScalarType:
     def accepts_state(self, state: Any) -> bool:
         """Return whether `state` is the state that NumPy saves for a little-endian number type without
         fields."""
-        # The state has the version, the byte order, then empty values for fields, sizes and flags (numpy:
-        # `dtype.__reduce__`). Check the types first, because comparing arrays from the file is not safe.
+        # The state has the version and the byte order. Empty values for fields, sizes and flags follow
+        # (numpy: `dtype.__reduce__`). Check the types first, because comparing arrays from the file is not
+        # safe.
         if type(state) is not tuple or any(type(item) not in (int, str, type(None)) for item in state):
             return False
         return state in ((3, "<", None, None, None, -1, -1, 0), (3, "|", None, None, None, -1, -1, 0))

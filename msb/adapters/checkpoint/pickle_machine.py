@@ -26,7 +26,8 @@ MAX_OPCODES = 1_000_000
 # Maximum number of memo entries. The maximum is half of MAX_OPCODES, because an entry takes two instructions:
 # one creates the value, one stores it.
 MAX_MEMO = 500_000
-# Maximum size of an integer in bytes. Sizes and seeds take fewer bytes; the magic number of torch takes 10.
+# Maximum size of an integer in bytes. The magic number of torch takes 10 bytes; sizes and seeds take fewer
+# bytes.
 MAX_INTEGER_BYTES = 16
 # Maximum length of a line of the instruction GLOBAL, in bytes.
 MAX_NAME = 200
@@ -204,7 +205,7 @@ class _Machine:
             text = f"keys and values are added to a {type(target).__name__}, not to a dict, or are not pairs"
             raise Refusal("CHECKPOINT_HOSTILE", text)
         for key, value in zip(items[::2], items[1::2], strict=True):
-            # Keys must have types with a fast hash, because hashing a nested tuple can take 2^50 steps.
+            # Keys must have types with a fast hash. Hashing a nested tuple can take 2^50 steps.
             if type(key) is not str and not (type(key) is int and -(1 << 63) <= key < 1 << 63):
                 text = f"a key is a {type(key).__name__}; text and 64-bit integers are supported"
                 raise Refusal("CHECKPOINT_FORM", text)

@@ -16,12 +16,12 @@ from msb.errors import CheckpointError
 _END_RECORD = b"PK\x05\x06"
 # Size in bytes of a ZIP end record with the longest comment.
 _LONGEST_TAIL = 22 + 0xFFFF
-# Maximum nesting of lists, tuples and dictionaries. Files of the methods have 5 levels of nesting;
-# recursive code fails at 1000.
+# Maximum nesting of lists, tuples and dictionaries. Files of the methods have 5 levels of nesting. Recursive
+# code fails at 1000 levels.
 MAX_DEPTH = 64
 # Maximum number of values in a checkpoint. A list or dictionary that occurs several times counts each time.
-# Nested lists can repeat each other ("billion laughs"): 30 levels in 200 bytes can give 10^9 values. Files of
-# the methods do not share lists or dictionaries.
+# Nested lists that repeat each other can contain 10^9 values with 30 levels in 200 bytes ("billion laughs").
+# Files of the methods do not share lists or dictionaries.
 MAX_VALUES = 1_000_000
 
 # The message for files of an unknown kind.

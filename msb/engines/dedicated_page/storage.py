@@ -128,8 +128,7 @@ def _join(raw: bytes, rows: int, columns: int, dtype: np.dtype[Any]) -> NDArray[
 
 
 def _as_plain(table: NDArray[Any]) -> tuple[dict[str, Any], list[bytes]]:
-    """Return a table in the encoding "plain": the encoding's keys for the head, and the parts of the
-    stream."""
+    """Encode a table as "plain". Return the keys for the head, and the parts of the stream."""
     if table.dtype != np.uint32:
         return {"how": "plain"}, [_split(table)]
     difference = np.diff(table, axis=0, prepend=np.zeros((1, table.shape[1]), np.uint32))

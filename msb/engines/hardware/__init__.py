@@ -6,5 +6,5 @@
   from JSON.
 
 This folder contains the WGSL that all methods share. The WGSL of a single method is in the package of the
-method, beside its OpenCL.
+method, next to the OpenCL code.
 """

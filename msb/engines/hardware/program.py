@@ -28,7 +28,7 @@ from msb.errors import DeviceError
 from msb.registry import Order, Sampling
 from msb.render.surface import Surface
 
-# Invocations per workgroup of the stages that process faces; the same as @workgroup_size in project.wgsl.
+# Invocations per workgroup of the stages that process faces. @workgroup_size in project.wgsl is equal.
 _GROUP = 64
 # Largest number of workgroups along an axis that WebGPU guarantees.
 _MAX_GROUPS = 65535

@@ -13,7 +13,7 @@ _FACE = re.compile(r"struct Face \{\n(.*?)\n\}", re.DOTALL)
 def assemble(files: Iterable[str], package: str, defines: Mapping[str, bool | int | str]) -> str:
     """Return the concatenated, preprocessed texts of `files`.
 
-    ``#include "x.wgsl"`` inserts a file at its first occurrence; the file is searched in `package`, then in
+    ``#include "x.wgsl"`` inserts a file at its first occurrence. The file is searched in `package`, then in
     this package. ``#if NAME``, ``#if !NAME``, ``#else`` and ``#endif`` select lines; undefined names are
     false. An integer definition becomes a constant of type u32. A string definition replaces its name in the
     text.
@@ -31,7 +31,7 @@ def assemble(files: Iterable[str], package: str, defines: Mapping[str, bool | in
 
 
 def _resolve(file: str, package: str, defined: set[str], included: set[str]) -> list[str]:
-    """Return the selected lines of a file and its includes, without files in the set `included`."""
+    """Return the selected lines of a file and its includes. Files in the set `included` are skipped."""
     if file in included:
         return []
     included.add(file)

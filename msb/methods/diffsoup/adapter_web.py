@@ -84,7 +84,7 @@ def _read_png(path: Path, faces: int) -> NDArray[np.uint8]:
         text = f"{path.name} {why}"
         return CheckpointError("CHECKPOINT_DAMAGED", text, file=path.parent, pointer=path.name)
 
-    # the code below checks the image size; Pillow need not
+    # disable Pillow's size limit; the code below checks the size
     limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
     try:
         with Image.open(path, formats=("PNG",)) as image:
@@ -94,7 +94,7 @@ def _read_png(path: Path, faces: int) -> NDArray[np.uint8]:
                 valid = ", ".join(f"{w} x {h}" for w, h in sorted(sizes))
                 width, height = image.size
                 raise error(f"is {width} x {height}; {faces} faces need one of these sizes: {valid}")
-            image.verify()  # verify the checksums; Pillow requires a new open afterwards
+            image.verify()  # verify the checksums; then Pillow must open the file again
         with Image.open(path, formats=("PNG",)) as image:
             return np.asarray(image)
     except CheckpointError:

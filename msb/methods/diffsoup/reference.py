@@ -23,7 +23,8 @@ from msb.scenes import Camera
 
 # Fragments of lower opacity are discarded.
 OPACITY_THRESHOLD = 0.5
-# The feature that blends the decoder's colour with the base colour, which is features 0 to 2.
+# Number of the feature that blends the decoder's colour with the base colour. Features 0 to 2 are the base
+# colour.
 BLEND_FEATURE = 3
 # Maximum number of pixels in triangle boxes that are processed at once, to limit the memory.
 _TOGETHER = 1 << 18
@@ -338,7 +339,8 @@ def decode(asset: Asset, features: Reals, encoding: Reals) -> Reals:
 
 
 def scatter(hit: NDArray[np.bool_], values: Reals) -> Reals:
-    """Return an image (H, W, C) that has `values` (n, C) at the n pixels of `hit`, and 0 elsewhere."""
+    """Return an image (H, W, C). The n pixels of `hit` have the `values` (n, C), and the other pixels are
+    0."""
     image = np.zeros((*hit.shape, values.shape[1]), values.dtype)
     image[hit] = values
     return image

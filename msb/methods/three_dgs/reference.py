@@ -158,7 +158,7 @@ def _project(
 def _tiles(
     shapes: Projected, determinant: Reals, opacity: Reals, view: SplattingCamera, rasterizer: str
 ) -> tuple[Rectangles, NDArray[np.bool_]]:
-    """Return the tiles of N Gaussians, and a mask (N,) of Gaussians that the rasterizer also drops."""
+    """Return the tiles of N Gaussians, and a mask (N,) of Gaussians that the rasterizer drops here."""
     real, center = opacity.dtype.type, shapes.center
     xx, _, yy = shapes.covariance.T
     if rasterizer == "gsplat":

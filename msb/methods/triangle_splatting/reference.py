@@ -91,8 +91,8 @@ def points_seen(vertices: Reals, view_dir: str) -> Reals:
     """Return the points (F, 3) that define the view directions of triangles (F, 3 corners, 3).
 
     "broadcast_z" returns (g_z, g_z, g_z), where g_z is the world z of the centroid. The official kernel was
-    meant to use the centroid. Because of an error in an expression, it uses the centroid's z for x, y and z.
-    Models are trained with this error, so their coefficients need the same direction.
+    meant to use the centroid. Because of an error in an expression, the kernel uses the centroid's z for x, y
+    and z. Models are trained with this error, so their coefficients need the same direction.
     """
     center = centroid(vertices)
     return np.repeat(center[:, 2:], 3, axis=1) if view_dir == "broadcast_z" else center

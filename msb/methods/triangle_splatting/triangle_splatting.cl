@@ -62,7 +62,7 @@ void color_faces(const size_t *rows, const Source *source, __constant View *view
 {
     vec3 seen = {color[0], color[1], color[2]};
     // The official kernel was meant to use the centroid.
-    // Because of an error in an expression, it uses the centroid's z for x, y and z.
+    // Because of an error in an expression, the kernel uses the centroid's z for x, y and z.
     // Models are trained with this error, so their coefficients need the same direction.
     if (view->own.broadcast_z)
         seen = (vec3){seen.z, seen.z, seen.z};

@@ -35,7 +35,7 @@ struct Face {
 fn point_seen(rows: vec3<u32>) -> vec3<f32> {
     let center = center_of(position(rows.x), position(rows.y), position(rows.z));
     // The official kernel was meant to use the centroid.
-    // Because of an error in an expression, it uses the centroid's z for x, y and z.
+    // Because of an error in an expression, the kernel uses the centroid's z for x, y and z.
     // Models are trained with this error, so their coefficients need the same direction.
     return select(center, center.zzz, view.broadcast_z == 1u);
 }

@@ -128,9 +128,9 @@ def render(
 ) -> None:
     """Render an asset: images, and depths and face ids if requested.
 
-    Each image is named after its camera. PNG stores floor(255 c + 0.5) of the clamped colour c; npy and exr
-    store the rendered floats, neither clamped nor rounded. The printed hash covers the floats of all
-    images. The hash is reproducible on one device with fixed versions.
+    Each image is named after its camera. PNG stores floor(255 c + 0.5) of the clamped colour c. The formats
+    npy and exr store the rendered floats unchanged. The printed hash covers the floats of all images. The
+    hash is reproducible on one device with fixed versions.
     """
     from msb.api.command_files import open_asset
     from msb.render import Renderer

@@ -1,6 +1,6 @@
 """From projected primitives to depth order and tile lists, entirely on the device.
 
-The host reads only two counts: the number of listed faces, and the total length of all lists. The total
+The host reads only two numbers: the number of listed faces, and the total length of all lists. The total
 length decides how much memory the lists need.
 """
 

@@ -1,8 +1,7 @@
 """The model that the splatting pipeline draws, and helper functions that build one from an asset.
 
 The module `native` of a method has a function ``splat_model(asset, settings)`` that returns a `SplatModel`.
-The only kernel file of the method is in the same folder; the head of `splat_stages.cl` describes its
-contents.
+The method's only kernel file is in the same folder. The head of `splat_stages.cl` describes its contents.
 """
 
 from collections.abc import Mapping
@@ -85,8 +84,8 @@ class SplatModel:
     def pixel_samples(self) -> tuple[int, int]:
         """The first and the last sample along each axis that are averaged into a pixel.
 
-        With `box_mean`, all samples of the pixel are averaged. Without `box_mean`, only the one or two
-        samples in the pixel's middle are averaged, which gives bilinear interpolation at its centre.
+        With `box_mean`, all samples of the pixel are averaged. Without `box_mean`, a pixel is the mean of the
+        one or two middle samples. This is bilinear interpolation at its centre.
         """
         return (0, self.scale - 1) if self.box_mean else ((self.scale - 1) // 2, self.scale // 2)
 

@@ -1,9 +1,9 @@
 """The faces of a model on the device, in an order that makes rendering fast, and their bounding spheres.
 
 Checkpoints store faces in the order of training, so the faces in view are scattered over the whole memory.
-This module sorts faces along a space-filling curve; in triangle soups, faces of similar size also become
-neighbours. Results do not change: faces keep their numbers, and faces of equal depth are blended in the
-order of the asset.
+This module sorts faces along a space-filling curve. In triangle soups, faces of similar size also become
+neighbours. Results do not change. Faces keep their numbers, and faces of equal depth are blended in the order
+of the asset.
 """
 
 from collections.abc import Iterator, Mapping
@@ -22,7 +22,7 @@ from msb.render.splat.bins import LANES, WORK_GROUP
 
 # Number of faces that share a bounding sphere in CPU style.
 FACE_GROUP = 64
-# Bits of a sort key for each axis. Three axes take 54 of 64 bits, which leaves room for the exponent of the
+# Bits of a sort key for each axis. Three axes take 54 of 64 bits. The other bits are for the exponent of the
 # face size.
 _AXIS_BITS = 18
 # Bits of a sort key for the face size, which is the exponent of the inradius.

@@ -32,9 +32,9 @@ from msb.scenes import Camera
 # Number of faces that a work-item projects. On a CPU, more faces amortise the buffers of a work-item, but
 # work-items must outnumber threads by far.
 _CHUNK = {"cpu": 4096, "gpu": 1}
-# Memory for a band of raster rows in bytes. A CPU has this memory per compute unit, because it fits into the
-# unit's cache; a GPU has it in total. Only one band of samples exists at a time, because 4 x 4 samples of an
-# 8K frame take 10 GB.
+# Memory for a band of raster rows in bytes. For a CPU, the number is the size of a compute unit's cache. For
+# a GPU, the number is the total memory. Only one band of samples exists at a time, because 4 x 4 samples of
+# an 8K frame take 10 GB.
 _BAND_BYTES = {"cpu": 2 << 20, "gpu": 256 << 20}
 # Maximum number of band records that stay on the device from frame to frame.
 _MOST_RECORDS = 1024

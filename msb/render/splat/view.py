@@ -68,7 +68,7 @@ class Culling:
     # Number of samples by which a face may extend beyond the distance from `dilation`.
     margin: float = 2.0
     # Whether faces are clipped at the near plane. The largest depth of a clipped face is compared with
-    # `nearest`; without clipping, the depth of the centroid is compared.
+    # `nearest`. Without clipping, the depth of the centroid is compared.
     clipped: bool = False
 
 
@@ -85,8 +85,8 @@ def make_view(
     """Return the `View` record of a camera for a raster with `scale` samples per pixel and axis.
 
     `near` and `far` affect only the z row of the projection. `fields` are common members that do not depend
-    on the camera; `method_values` are the members of the method. `extent` (3,) is the largest magnitude of
-    a coordinate along each axis.
+    on the camera. `method_values` are the members of the method. `extent` (3,) is the largest magnitude of a
+    coordinate along each axis.
 
     The 3DGS family projects with tan(fov / 2) and the float32 product P W, whose terms are added from first
     to last. The camera centre is computed from the float32 W in double precision, and rounded. The last bits

@@ -47,7 +47,7 @@ class StandardRenderer(OnDevice):
     visible.
 
     Among the asset's settings, only `ste_threshold`, which hides faces, has an effect. With `supersample`
-    from 2 to 16, the image is rendered at that many times its width and height, and averaged.
+    from 2 to 16, each pixel is the mean of `supersample` x `supersample` samples.
     """
 
     name = "msb-standard"
@@ -176,8 +176,8 @@ class StandardRenderer(OnDevice):
                 )
             else:
                 counter.fill(0)
-        # Each processor takes the next tile until none is left; `scratch` holds its colours, depths and
-        # lists.
+        # Each processor takes tiles until all tiles are drawn. `scratch` holds the processor's colours,
+        # depths and lists.
         processors = device.record.compute_units
         tile_width, tile_height = _tile_size(int(width), int(height), processors)
         words = 2 * (tile_width + _PAD) * (tile_height + _PAD_ROWS) + _COARSE + 2 * _LIST
@@ -213,7 +213,7 @@ class StandardRenderer(OnDevice):
         counter = self._scratch("list lengths", 2, np.int32)
         with device.stage("clear"):
             program.clear(count, _GROUP_SIZE, pixels, counter, np.uint32(count))
-        # One work-item draws each small triangle; larger triangles go to a list, which work-groups draw.
+        # One work-item draws each small triangle. Larger triangles go to a list, which work-groups draw.
         # Without 64-bit atomics a second pass finds the face at the nearest depth.
         group, groups = (_GROUP_SIZE, 1), _GROUPS_A_UNIT * device.record.compute_units
         corners = (mesh.colors, *mesh.textures) if mesh.textures else ()

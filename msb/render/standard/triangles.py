@@ -48,8 +48,8 @@ _MORTON_BITS = 30
 class Triangles:
     """The buffers that stay on the device between frames."""
 
-    # Triangle records (slots, 16) words: corners, colours, face. A slot is a position in drawing order. On
-    # a CPU, neighbouring slots are close in space; on a GPU, slots are in the order of faces.
+    # Triangle records (slots, 16) words: corners, colours, face. A slot is a position in drawing order. On a
+    # CPU, neighbouring slots are close in space. On a GPU, slots are in the order of faces.
     records: Buffer
     # Float colours per corner are (slots, 9) float32. Vertex colours that multiply textures are (slots, 12).
     # For other kinds of colours, this is one unused word.
@@ -67,7 +67,7 @@ class Triangles:
     # Queues a copy of the records into a buffer of the same shape. A second buffer, (F,) uint8, is 0 for
     # faces that become empty triangles.
     copy_some: Callable[[Buffer, Buffer], None]
-    # Positions and colours as the asset stores them, if they may be changed; otherwise empty.
+    # If triangles may move, the positions and colours as the asset stores them; otherwise empty.
     sources: dict[str, Buffer]
 
     @property
@@ -181,8 +181,8 @@ def _cells(asset: Asset) -> tuple[NDArray[np.float32], np.float32]:
     """Return the origin and the cells per unit of the grid that orders triangles.
 
     The grid spans the bounds of the vertices, but at most 1.5 times the range from the 2nd to the 98th
-    percentile. Captured scenes have a few triangles far away; with their bounds, all other triangles would
-    share a single grid cell.
+    percentile. Captured scenes have a few triangles far away. If the grid covered them, all other triangles
+    would share a single grid cell.
     """
     positions, bounds = asset.buffers["positions"], asset.manifest.bounds
     step = max(1, len(positions) // _SAMPLES)
