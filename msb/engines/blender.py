@@ -33,15 +33,15 @@ from msb.scenes.colors import Color
 VARIABLE = "MSB_BLENDER"
 # Limits of Blender: smallest and largest side of an image in pixels, and largest pixel aspect ratio.
 _MIN_SIDE, _MAX_SIDE, _MAX_ASPECT = 4, 65536, 200.0
-# Width of the camera sensor in millimetres. Images depend only on the ratio of the width to the focal length.
-# A wide sensor keeps the focal length above 1 mm, the minimum in Blender.
+# Width of the camera sensor in millimetres. Images depend only on the ratio of the sensor width to the focal
+# length. A wide sensor keeps the focal length above 1 mm, the minimum in Blender.
 _SENSOR = 100.0
 # Rotation from Blender's camera axes (x right, y up, looking along -z) to OpenCV's camera axes.
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 # The rotation from y up to z up that Blender's glTF importer applies to a model.
 _GLB_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
-# Maximum time of a request in seconds. Blender is ended after this time. Cycles takes minutes to render large
-# meshes.
+# Maximum time of a request in seconds. Blender is stopped when a request takes longer. Cycles takes minutes
+# to render large meshes.
 _LONGEST_SECONDS = 1800
 # Depths above this value mark pixels without a face in Blender's images.
 _FAR = 1e10

@@ -3,8 +3,8 @@
 // The record of a corner: its vertex, the two other vertices in the order of the face, and the face.
 // Faces with a repeated index take part only in the search for duplicates and for shared vertices.
 // A face with a repeated index has a record at each of its distinct vertices.
-// At its lowest vertex, y and z of the record are the other two vertices in ascending order.
-// At its other vertex, the record is marked COPY.
+// At the face's lowest vertex, y and z of the record are the other two vertices in ascending order.
+// At the face's other vertex, the record is marked COPY.
 typedef uint4 Record;
 #define IMPROPER 0x80000000u
 #define COPY 0x40000000u

@@ -98,7 +98,7 @@ typedef float real;
 // The coordinates u and v are in units from the principal point.
 // A and B are the slopes of 1 / z per unit.
 // The edge vectors start at the corner with the least depth.
-// Edge vectors from a corner a hundred times as far are nearly parallel, and rounding would tilt their plane.
+// Edge vectors from a corner far away are nearly parallel, and rounding would tilt their plane.
 #define NEARER(za, zb, a, b) (fabs(za) < fabs(zb) ? (a) : (b))
 #define DEPTH_PLANE(REAL, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, A, B, C)                                          \
     REAL A, B, C;                                                                                               \

@@ -55,7 +55,7 @@ int before(const float *a, const float *b)
 // Write the records.
 // Corners are sorted by position.
 // Faces in the same place then have bit-identical depths, for any order of the corners in the file.
-// Slots from `count` on, up to a whole block, get triangles of zero area.
+// Slots from `count` to the end of the block get triangles of zero area.
 // With textures, `colors` has the texture coordinates u, v of each corner.
 // `tint` holds linear light and alpha, and is read only if `is_tinted` is set.
 // `face_textures` has the texture of each face, and is read only if `several` is set.

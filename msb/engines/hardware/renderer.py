@@ -37,8 +37,7 @@ _GROUPS = {
     **dict.fromkeys(("coverage", "f_dc", "f_rest", "opacity", "features", "decoder"), "appearance"),
     **dict.fromkeys(("image", "depth", "covered", "nearest", "z-buffer", "pixels,", "pixels"), "targets"),
 }
-# Limits for which the maximum of the adapter is requested. The first three limits are the members of
-# `Limits`.
+# Limits that are requested at the adapter's maximum. The first three limits are the members of `Limits`.
 _LIMITS = (
     "max-storage-buffer-binding-size",
     "max-buffer-size",
