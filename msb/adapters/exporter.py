@@ -39,8 +39,8 @@ class Adapter(Protocol):
 def adapters() -> dict[str, Adapter]:
     """Return the adapters by method in the order of detection: adapters of other packages come first.
 
-    An adapter of another package can distinguish its files from those of the built-in methods. The built-in
-    adapters cannot recognise the files of other packages.
+    An adapter from another package is tried first, so it can distinguish its files from files of the built-in
+    methods. The built-in adapters cannot recognise the files of other packages.
     """
     by_name = {name: adapter for name in METHODS if (adapter := _by_name(name)) is not None}
     by_name |= dict(with_role("adapter"))
@@ -51,7 +51,7 @@ def adapters() -> dict[str, Adapter]:
 def _by_name(method: str) -> Adapter | None:
     """Return the adapter of a method whose files are recognised only by name, or None for other methods.
 
-    Such methods have no native rendering.
+    Methods whose files are recognised by name have no native rendering.
     """
     known, meshes = METHODS[method], cast("Any", role("mesh", "adapter"))
     return meshes.ByName(method) if known.reads_meshes and known.native is None and known.files else None
@@ -72,8 +72,7 @@ def export(
     path : path-like
         The output folder of a training, or the file of the model; docs/export.md lists the files.
     method : str, optional
-        The name of a method, as listed by `msb methods`. By default, the method is detected from the
-        content.
+        The name of a method, as listed by `msb methods`. By default, the method is detected from the content.
     settings : mapping, optional
         Values of settings by name. These settings override the config and the checkpoint.
     config : path-like, optional
@@ -121,12 +120,13 @@ def read_model(
     check_values: bool = True,
     reject: Literal["nothing", "coordinates", "everything"] = "nothing",
 ) -> Model:
-    """Return the trained model at `path`, or at a place returned by `locate`. Errors are those of `export`.
+    """Return the trained model at `path`, or at a place returned by `locate`. The function raises the errors
+    of `export`.
 
-    `settings` can also be a sequence of texts such as "gamma=20". Faces with a NaN or infinite value are
-    left out with a warning. If all faces have such a value, this is an error. `reject` names the values for
-    which a non-finite number is an error instead of a warning: coordinates, or all values. Without
-    `check_values`, faces with non-finite values are kept, so that an audit can count them.
+    `settings` can also be a sequence of texts such as "gamma=20". Faces with a NaN or infinite value are left
+    out with a warning. If no face remains, the function raises an error. `reject` chooses the values that
+    must be finite: coordinates, or all values. A non-finite value then raises an error instead of a warning.
+    Without `check_values`, faces with non-finite values are kept, so that an audit can count them.
     """
     if method is not None and method not in tuple(METHODS):
         text = f'the method "{shorten(str(method), 40)}" is unknown; use one of {", ".join(METHODS)}'
@@ -156,18 +156,18 @@ def read_model(
 def _without_bad_faces(model: Model, reject: str) -> Model:
     """Return `model` without the faces whose values are not finite, with a warning about these faces.
 
-    Raise CHECKPOINT_NONFINITE if `reject` forbids the value, or if the value belongs to all faces.
-    `build_asset` reports invalid coordinates of mesh files.
+    Raise CHECKPOINT_NONFINITE if `reject` forbids the values, or if no face remains. `build_asset` reports
+    invalid coordinates of mesh files.
     """
     is_mesh = model.description.method == "mesh"
     code, file = "MESH_NONFINITE" if is_mesh else "CHECKPOINT_NONFINITE", model.files[0]
     for name, array in model.buffers.items():
         if model.domains.get(name) == "global" and (rows := find_bad_rows(array)) is not None:
-            text = f"{name} is not finite in row {int(np.argmax(rows))}, and it belongs to all faces"
+            text = f"{name} is not finite in row {int(np.argmax(rows))}, which affects all faces"
             raise CheckpointError("CHECKPOINT_NONFINITE", text, file=file, pointer=name)
     check_indices(model.buffers["indices"], len(model.buffers["positions"]), file)
     bad, names = find_bad_faces(model.buffers, model.domains)
-    # An unused vertex with such a value is also rejected or dropped.
+    # Unused vertices with non-finite positions are handled in the same way.
     is_odd = find_bad_rows(model.buffers["positions"]) is not None
     if not (len(bad) and (bad.any() or is_odd)) or reject == "everything":
         return model
@@ -180,7 +180,7 @@ def _without_bad_faces(model: Model, reject: str) -> Model:
         text = f"{what}; an asset must have finite coordinates, and at least one face"
         raise CheckpointError(code, text, file=file)
     buffers = keep_faces(model.buffers, model.domains, ~bad)
-    text = f"{what}; they are left out" if count else "vertices that no face uses are not finite; left out"
+    text = f"{what}; they are left out" if count else "removed unused vertices that are not finite"
     warning = finding(code, text, severity="warning", value=count)
     return replace(model, buffers=buffers, warnings=(*model.warnings, warning))
 
@@ -217,8 +217,8 @@ def _detect(content: Content) -> str:
 
 
 def _describe_nearest(value: object, adapters_by_name: Mapping[str, Adapter]) -> str:
-    """Return text about the most similar method and the keys that `value` lacks, or "" if no method is
-    similar."""
+    """Return text about the most similar method and the keys that `value` lacks. If no method is similar,
+    return ""."""
     parts = [value] if isinstance(value, dict) else value if isinstance(value, tuple) else []
     keys = {str(key) for part in parts[:1] if isinstance(part, dict) for key in part}
     keys_of = {name: set(getattr(adapter, "KEYS", ())) for name, adapter in adapters_by_name.items()}

@@ -35,20 +35,20 @@ FUSED = ("fuse_post.ply", "fuse_unbounded_post.ply", "fuse.ply", "fuse_unbounded
 class Place:
     """The place of a model: its file, and the output folder of its training."""
 
-    # The file of the model, or the main file of several.
+    # The file of the model. A model of several files has a main file.
     file: Path
     # The output folder, which is searched for configs and logs.
     root: Path
-    # The kind of the file. The kind "bundle" has more files in the same folder. A file of kind "other" can
-    # be read only by the adapter of its method.
+    # The kind of the file. A model of kind "bundle" has more files in the same folder. A file of kind "other"
+    # is read by the adapter of its method only.
     kind: Kind
-    # The path that the user gave: the file, its folder, or a folder above. If exactly one subfolder of the
-    # given folder is a checkpoint, this path is that subfolder.
+    # The path from the user: the file, its folder, or a higher folder. If the user gave a folder with a
+    # single checkpoint subfolder, this path is the subfolder.
     given: Path
 
     @property
     def name(self) -> str:
-        """The name for an asset of the model: the name of the output folder, or of a single file."""
+        """The name for an asset of the model. It is the name of the output folder or of the single file."""
         if self.given.is_dir():
             return self.given.resolve().name
         return self.file.stem if self.root == self.file.parent else self.root.resolve().name
@@ -62,7 +62,7 @@ def is_checkpoint(path: Path) -> bool:
 
 
 def locate(path: str | os.PathLike[str]) -> Place:
-    """Return the place of the model in `path`; of several iterations, the last is used."""
+    """Return the place of the model in `path`. If there are several iterations, the last one is used."""
     given = given_path(path)
     if given.suffix.lower() == ASSET_SUFFIX and os.path.lexists(given):
         text = "it is already a .triasset; use msb convert to write another format"
@@ -223,8 +223,8 @@ def _find_fused(folder: Path) -> Path | None:
     return next((latest / name for name in FUSED if (latest / name).exists()), None)
 
 
-# Rules that find the file of a model in a folder; a rule returns the file or None. The first file that a
-# rule finds is used.
+# Rules that find the file of a model in a folder. A rule returns the file or None. The first file that a rule
+# finds is used.
 _RULES: tuple[Callable[[Path], Path | None], ...] = (
     _find_declared,
     _find_iteration,
@@ -251,7 +251,8 @@ def _list_names(folder: Path) -> list[str]:
 
 
 def is_mesh_file(path: Path) -> bool:
-    """Return whether `path` is treated as a mesh file; this holds for all files except assets and models."""
+    """Return whether msb reads `path` as a mesh file. All files except assets and trained models are mesh
+    files."""
     return not (is_asset(path) or is_folder(path) or is_checkpoint(path) or _is_primitive_table(path))
 
 

@@ -25,8 +25,8 @@ from msb.registry import METHODS, SettingSource
 class Options:
     """Arguments of the caller, in addition to the path: settings by name, and the training's config file.
 
-    Without `check_values`, parameters can be NaN. An audit counts faces with such values, and other
-    commands leave them out.
+    Without `check_values`, parameters can be NaN. An audit counts the faces with NaN values. Other commands
+    remove these faces.
     """
 
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -93,8 +93,8 @@ class Settings:
     def add(
         self, name: str, value: Any, source: SettingSource, file: Path | None = None, key: str | None = None
     ) -> None:
-        """Set `name` to `value`, unless the user sets `name`. The file `file` stored the value under
-        `key`."""
+        """Set `name` to `value`, unless the user sets `name`. `file` is the file with the stored value, and
+        `key` is its key there."""
         if name in self._flags:
             return
         if not isinstance(value, bool | int | float | str | None):
@@ -155,8 +155,8 @@ class Model:
 def soup_buffers(
     triangles: NDArray[np.float32], **by_face: NDArray[np.float32] | None
 ) -> dict[str, NDArray[Any]]:
-    """Return buffers of separate triangles (N, 3, 3) with values `by_face` (N, ...); a value of None adds
-    no buffer."""
+    """Return buffers of separate triangles (N, 3, 3) with values `by_face` (N, ...). A value of None adds no
+    buffer."""
     count = len(triangles)
     buffers: dict[str, NDArray[Any]] = {
         "positions": triangles.reshape(3 * count, 3),
@@ -183,5 +183,6 @@ def sh_appearance(degree: int, white: object = None) -> dict[str, Any]:
 
 
 def background_of(white: object) -> dict[str, str]:
-    """Return the key `background` for `appearance` (white or black), or no key if `white` is not a bool."""
+    """Return the key `background` for `appearance`: white or black. If `white` is not a bool, return no
+    key."""
     return {"background": "#ffffff" if white else "#000000"} if isinstance(white, bool) else {}

@@ -1,6 +1,6 @@
 """Write an asset as the mesh file that the official exporter of its method would write.
 
-Such a file differs from the standard-tier mesh: some exporters keep alpha, evaluate SH in a fixed
+The exporter's file differs from the standard-tier mesh. Some exporters keep alpha, evaluate SH in a fixed
 direction, merge vertices or write every face twice. Tests compare the results with files of the official
 code.
 """

@@ -11,7 +11,7 @@ from msb.adapters.checkpoint import BFloat16Array
 from msb.asset.drawable import first_bad
 from msb.errors import CheckpointError, Finding, finding, shorten
 
-# The length of an axis, or a letter for an unknown length. All axes with a common letter must have equal
+# The length of an axis, or a letter for an unknown length. All axes with the same letter must have equal
 # lengths.
 Axis = int | str
 
@@ -62,7 +62,7 @@ class Tensors:
         if array.dtype.itemsize > 4:
             text = f"{key} is {array.dtype.name}; it was rounded to float32, the type of assets"
             self.warnings.append(finding("CHECKPOINT_ROUNDED", text, severity="warning", pointer=key))
-        with np.errstate(over="ignore"):  # the code below detects overflows
+        with np.errstate(over="ignore"):  # overflows are detected below
             values = array.astype(np.float32, copy=False)
         if self._check_values and (at := first_bad(values, infinite=infinite)) is not None:
             text = f"{key}{list(at)} is {values[at]}; it must be {'a' if infinite else 'a finite'} number"
@@ -76,7 +76,7 @@ class Tensors:
         if array.size and not 0 <= int(array.min()) <= int(array.max()) < vertices:
             at = np.argwhere((array < 0) | (array >= vertices))[0].tolist()
             value = int(array[tuple(at)])
-            text = f"{key}{at} is {value}; it must be 0 to {vertices - 1}"
+            text = f"{key}{at} is {value}; it must be from 0 to {vertices - 1}"
             raise self.error("CHECKPOINT_LAYOUT", text, f"{key}{at}")
         return array.astype(np.uint32)
 
@@ -114,8 +114,8 @@ class Tensors:
         return int(shape[number]) if number < len(shape) else 0
 
     def length(self, letter: str) -> int:
-        """Return the length of all axes with the letter `letter`. A tensor with this letter must have been
-        read before."""
+        """Return the length of all axes with the letter `letter`. Call `length` only after reading a tensor
+        with this letter."""
         return self._lengths[letter][0]
 
     def error(self, code: str, text: str, pointer: str) -> CheckpointError:
@@ -141,7 +141,7 @@ class Tensors:
         return self.error("CHECKPOINT_LAYOUT", f"{key} is {what}; it must be {wanted}", key)
 
     def _check_shape(self, key: str, shape: tuple[int, ...], wanted: tuple[Axis, ...]) -> None:
-        """Check a shape; the first tensor with a letter sets the length for this letter."""
+        """Check the shape of tensor `key`. The first tensor with a letter sets the length of the letter."""
         ok = len(shape) == len(wanted)
         for axis, length in zip(wanted, shape, strict=False):
             if isinstance(axis, int):

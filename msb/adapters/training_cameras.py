@@ -14,20 +14,21 @@ from msb.scenes import Camera, read_cameras
 # File of the 3DGS family in the output folder (graphdeco-inria/gaussian-splatting: scene/__init__.py).
 # File that `msb run` writes next to its assets.
 CAMERAS = "cameras.json"
-# Maximum number of last components of the scene's path that are searched for in other folders.
+# Maximum number of last components of the scene's path that are used to find a moved scene.
 _DEEPEST = 40
-# Number of folders above a model that are searched for the scene, if the path in the config does not exist.
+# Number of folders above a model that are searched for a moved scene.
 _LEVELS = 6
 
 
 def training_cameras(path: Path, method: str) -> Iterator[tuple[list[Camera], Path]]:
-    """Yield the training cameras of the model at `path`, with their source, the most reliable first."""
+    """Yield the training cameras of the model at `path` with their source. The most reliable cameras come
+    first."""
     try:
         root = path.absolute().parent if is_asset(path) else locate(path).root.absolute()
         places = [root / CAMERAS] if (root / CAMERAS).is_file() else []
         if (scene := _scene(root, method)) is not None:
             places.append(scene)
-    except (MsbError, OSError, ValueError):  # the path is a mesh file, or is impossible
+    except (MsbError, OSError, ValueError):  # `path` is a mesh file, or not a valid path
         return
     for place in places:
         try:

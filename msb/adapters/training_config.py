@@ -54,7 +54,7 @@ def read_cfg_args(root: Path) -> tuple[dict[str, Any], tuple[Path, ...], list[Fi
 def _parse_arguments(text: str) -> tuple[dict[str, Any], list[str]]:
     """Return the values of ``name=value, ...``, and the names whose value is not a literal.
 
-    A name that occurs twice is ignored.
+    If a name occurs twice, the second value is ignored.
     """
     values: dict[str, Any] = {}
     unread: list[str] = []
@@ -63,7 +63,7 @@ def _parse_arguments(text: str) -> tuple[dict[str, Any], list[str]]:
         name = name.strip()
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # this hides Python's warnings about escapes in literals
+                warnings.simplefilter("ignore")  # hide Python's warnings about escapes in literals
                 read = ast.literal_eval(value.strip())
             if not name.isidentifier() or name in values or name in unread:
                 raise ValueError
@@ -108,7 +108,7 @@ def training_of(arguments: Mapping[str, Any]) -> dict[str, Any]:
 def named_up(path: Any) -> str:
     """Return the up axis of the dataset in which `path` lies: +z for NeRF-Synthetic, -y for COLMAP datasets.
 
-    The result is "unknown" for other names. The path belongs to the training machine and is not opened.
+    The result is "unknown" for other datasets. The path belongs to the training machine and is not opened.
     """
     names = str(path).lower()
     for up, words in (("+z", ("synthetic", "blender")), ("-y", ("colmap", "360", "tanks", "tandt", "dtu"))):

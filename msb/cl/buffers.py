@@ -19,15 +19,15 @@ from msb.errors import DeviceError
 
 Shape = int | tuple[int, ...]
 
-# The default group: temporary results.
+# The group of temporary results, the default.
 SCRATCH = "scratch"
-# Minimum alignment, in bytes, of an array that is shared instead of copied: one cache line. Kernels use
+# Minimum alignment, in bytes, of a host array that is shared instead of copied: one cache line. Kernels use
 # types of at most 32 bytes (float8), because 64-byte types crash in the PoCL wheel.
 _SAFE_ALIGNMENT = 64
 
 
 class Allocation:
-    """A block of device memory, with the purpose of the memory as text. Buffers are views of such a block."""
+    """A block of device memory with a text that describes its use. Buffers are views of allocations."""
 
     def __init__(self, handle: Any, use: str, group: str) -> None:
         self.handle = handle
@@ -43,7 +43,7 @@ class Allocation:
 
 
 class Buffer:
-    """An array on the device, with `shape`, `dtype` and the purpose of its memory.
+    """An array on the device, with a `shape`, a `dtype` and a text that describes its use.
 
     Like a NumPy array, a buffer may be empty. The memory is freed with the last reference to the buffer, by
     `release`, or with the device.
@@ -57,12 +57,12 @@ class Buffer:
 
     @property
     def use(self) -> str:
-        """The purpose of the memory in words."""
+        """The use of the memory as text."""
         return self.allocation.use
 
     @property
     def group(self) -> str:
-        """The group of this purpose, for example scratch memory."""
+        """The group of this use, for example "scratch"."""
         return self.allocation.group
 
     @property
@@ -84,7 +84,7 @@ class Buffer:
         return self.allocation.handle
 
     def view(self, shape: Shape, dtype: DTypeLike) -> Buffer:
-        """Return another array on the same memory, from its start."""
+        """Return a buffer with this shape and dtype on the same memory, which starts at the first byte."""
         other = Buffer(self._memory, self.allocation, shape, dtype)
         if other.nbytes > self.allocation.nbytes:
             raise ValueError(
@@ -93,7 +93,7 @@ class Buffer:
         return other
 
     def read(self, out: NDArray[Any] | None = None, *, start: int = 0) -> NDArray[Any]:
-        """Copy the elements from index `start` on to the host, after all queued commands.
+        """Wait for all queued commands, then copy the elements from index `start` to the host.
 
         The function fills and returns `out`, a C-contiguous array with the dtype of the buffer. Without
         `out` the result is a new array, which has the shape of the buffer if `start` is 0. Pass the same
@@ -112,7 +112,7 @@ class Buffer:
         return out
 
     def write(self, array: NDArray[Any], *, start: int = 0) -> None:
-        """Copy a C-contiguous array of the buffer's dtype to the elements from index `start` on."""
+        """Copy a C-contiguous host array of the same dtype into the buffer, beginning at index `start`."""
         self._check_host(array, start)
         if array.size:
             offset, queue = start * self.dtype.itemsize, self._memory.queue
@@ -122,7 +122,7 @@ class Buffer:
             )
 
     def copy(self, other: Buffer, *, start: int = 0) -> None:
-        """Queue a copy of another buffer of equal dtype to the elements from index `start` on."""
+        """Queue a copy of another buffer of the same dtype into this buffer, beginning at index `start`."""
         if other.dtype != self.dtype:
             raise TypeError(f"{self.use}: requires a buffer of {self.dtype}, not {other.dtype}")
         self._check_range(other.size, start)
@@ -148,7 +148,8 @@ class Buffer:
     def mapped(self) -> Iterator[NDArray[Any]]:
         """Yield the content as a read-only host array, valid only within the ``with`` block.
 
-        No copy is made if host and device share memory. Otherwise the content is copied to the host.
+        No copy is made if host and device share memory. If host and device have separate memories, the
+        content is copied to the host.
         """
         queue = self._memory.queue
         if not queue.record.host_unified or not self.size:
@@ -241,14 +242,14 @@ class Memory:
     def scratch(self, name: str, shape: Shape, dtype: DTypeLike, group: str = SCRATCH) -> Buffer:
         """Return the pool buffer `name` as an array of this shape, with undefined content.
 
-        Calls with the same name reuse the memory while it is large enough. If a pool buffer must grow, its
-        memory is freed, and buffers returned earlier under this name become invalid.
+        Calls with the same name return the same memory if it is large enough. A pool buffer that is too small
+        is freed and allocated again. Buffers returned earlier under its name become invalid.
         """
         nbytes = _count_bytes(shape, dtype)
         pooled = self._pool.get(name)
         if pooled is None or pooled.nbytes < nbytes:
             if pooled is not None:
-                self._pool.pop(name).release()  # first, so that old and new memory need not fit together
+                self._pool.pop(name).release()  # free the old memory first, because both blocks might not fit
             size = _round_up(nbytes)
             size = size if size <= self._limit() else nbytes
             pooled = self._pool[name] = self.allocate(size, np.uint8, name, group)
@@ -274,9 +275,9 @@ class Memory:
         return sum(bytes_by_use(self.queue.allocations).values())
 
     def _works_in_place(self) -> bool:
-        # PoCL works directly on host memory. Other platforms may copy the array and write the copy back
-        # when the buffer is mapped. Intel's platform copies arrays of some alignments, and then crashes if
-        # the array is a read-only mapped file.
+        # PoCL works directly on host memory. Platforms other than PoCL may copy the array, and may write the
+        # copy back when the buffer is mapped. Intel's platform copies arrays of some alignments, and then
+        # crashes if the array is a read-only mapped file.
         record = self.queue.record
         return short_name(record.platform) == "pocl" and record.kind == "cpu"
 
@@ -294,7 +295,7 @@ class Memory:
         context, nbytes = self.queue.context, _count_bytes(shape, dtype)
         if nbytes > self._limit():
             raise self._too_large(use, nbytes)
-        # An OpenCL buffer cannot be empty. A shared buffer takes its size from the array.
+        # An OpenCL buffer cannot be empty. A shared buffer has the size of the host array.
         size = max(nbytes, 1) if host is None else 0
         try:
             handle = self.queue.cl.Buffer(context, flags, size, host)
@@ -325,7 +326,7 @@ def bytes_by_use(allocations: Iterable[Allocation]) -> dict[str, int]:
 
 
 def _is_constant(array: NDArray[Any]) -> bool:
-    """Return whether the array is immutable, so that sharing has the same effect as copying."""
+    """Return whether the array cannot change, so that kernels may read the host memory directly."""
     base: Any = array
     while isinstance(base, np.ndarray):
         if base.flags.writeable:
@@ -346,8 +347,8 @@ def _format_mib(nbytes: int) -> str:
 
 
 def _round_up(nbytes: int) -> int:
-    """Return `nbytes` rounded up to an eighth of a power of two. Because of this rounding, a growing buffer
-    is rarely reallocated.
+    """Return `nbytes` rounded up to an eighth of a power of two. The rounding avoids frequent reallocation of
+    a growing buffer.
 
     >>> _round_up(1000), _round_up(1025)
     (1024, 1152)

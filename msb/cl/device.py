@@ -22,8 +22,8 @@ class Device:
 
     `open_device` opens it; `close` or the end of a ``with`` block closes it. Threads may share a device.
     Commands are thread-safe. Put commands that belong together into a `using` or `timing` block. Other
-    threads wait during this block. `style` selects the kernels. The style of the kernels: `record.style`
-    unless the caller chose another style.
+    threads wait until the ``with`` block ends. `style` selects the kernels. The style of the kernels:
+    `record.style` unless the caller chose another style.
     """
 
     def __init__(self, cl: Any, handle: Any, record: DeviceRecord, style: Style | None = None) -> None:
@@ -49,18 +49,18 @@ class Device:
         """Return a buffer that kernels read, with the content of `array` (integers or floats of any shape).
 
         PoCL shares the memory of arrays that cannot change, such as read-only memory maps, instead of copying
-        it. Shared and copied bytes are both counted.
+        it. Memory counts include shared memory.
         """
         return self._memory.upload(array, use, group)
 
     def share(self, array: NDArray[Any], use: str = "static", group: str = SCRATCH) -> Buffer:
         """Return a buffer on the memory of `array` if PoCL runs on a CPU, otherwise a buffer with a copy.
 
-        Kernels may write to the buffer if the array is writable. Read results from the buffer, because only
-        PoCL writes results into the array. Keep the array alive and unchanged until `finish` has returned
-        and the buffer is released. Kernels must not assume an alignment above the item size of the dtype.
-        On systems with huge pages, touching a large new NumPy array takes a fifth of the time of
-        `allocate`.
+        Kernels may write to the buffer if the array is writable. Read results from the buffer, because other
+        platforms do not write them into the array. Keep the array alive and unchanged until `finish` has
+        returned and the buffer is released. Kernels must not assume an alignment above the item size of the
+        dtype. On systems with huge pages, pass a large new NumPy array: its first access takes a fifth of the
+        time of memory from `allocate`.
         """
         return self._memory.share(array, use, group)
 
@@ -89,7 +89,7 @@ class Device:
         return bytes_by_use(self._queue.allocations)
 
     def new_memory(self) -> Memory:
-        """Return a new account for the buffers that one user allocates within `using`."""
+        """Return a new account, which counts the buffers that one user allocates within `using`."""
         return Memory(self._queue)
 
     @contextlib.contextmanager

@@ -15,7 +15,7 @@ from msb.errors import DeviceError, UsageError, shorten
 
 DEVICE_VARIABLE = "MSB_DEVICE"
 PYOPENCL_VARIABLE = "PYOPENCL_CTX"
-# Kinds of devices that a selector can name in place of a platform.
+# Kinds of devices, which a selector can name instead of a platform.
 KINDS = ("cpu", "gpu")
 
 
@@ -29,7 +29,7 @@ class Choice(NamedTuple):
 
 
 class Tried(NamedTuple):
-    """A device with the result of its trial, a test that kernels build and run."""
+    """A device with the result of its trial. The trial builds and runs a small kernel."""
 
     record: DeviceRecord
     trial: Trial
@@ -104,13 +104,13 @@ def shared_device(selector: str | None = None, *, style: Style | None = None) ->
 
 
 _sharing = threading.Lock()
-# The open devices, each with the process that opened it. The key is the address of the platform's device, and
-# the style.
+# The open devices, each with the process that opened it. A key is the address of the platform's device and
+# the kernel style.
 _shared: dict[tuple[int, Style | None], tuple[Device, int]] = {}
 
 
 def find_devices(cl: Any) -> list[tuple[DeviceRecord, Any]]:
-    """Return all devices, each as a record and as a pyopencl device."""
+    """Return the record and the pyopencl device of every device."""
     try:
         platforms = cl.get_platforms()
     except cl.Error:  # PLATFORM_NOT_FOUND_KHR means that no platform is installed
@@ -180,9 +180,7 @@ def _match(records: Sequence[DeviceRecord], selector: str, source: str) -> list[
     # PYOPENCL_CTX may list several devices, separated by commas; only the first is used.
     platform, colon, index = text.partition(",")[0].partition(":")
     if not platform or (colon and not index) or ":" in index:
-        text = (
-            f"{_quote(selector, source)} is no device selector; use cpu, gpu or PLATFORM:INDEX (msb devices)"
-        )
+        text = f"{_quote(selector, source)} is not a device selector; use cpu, gpu or PLATFORM:INDEX"
         raise UsageError("DEVICE_SELECTOR", text)
     on_platform = [record for record in records if _is_on(record, platform)]
     if not colon:

@@ -9,7 +9,7 @@ from importlib import resources
 import numpy as np
 
 Define = int | float | bool | str
-# The package of our kernel files, which any kernel may include.
+# The package of the shared kernel files, which kernels of all packages may include.
 OWN = "msb.cl.kernels"
 
 _INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]+"(?P<name>[A-Za-z0-9_]+\.cl)"[ \t]*(?://.*)?$')
@@ -22,8 +22,8 @@ def write_defines(defines: Mapping[str, Define]) -> str:
     """Return ``#define`` lines for `defines`, sorted by name.
 
     Boolean values become 1 and 0. Floats are rounded to single precision and written as exact hexadecimal
-    constants. Strings are inserted unchanged. Defines are written into the source, not passed as build
-    options. Build options would need quoting.
+    constants. Strings are inserted unchanged. Defines are written into the
+    source, because build options would need quoting.
 
     >>> print(write_defines({"WIDTH": 8, "FAST": True, "SCALE": 0.1}), end="")
     #define FAST 1
@@ -50,8 +50,8 @@ def _format_literal(value: Define) -> str:
 
 @functools.cache
 def kernels_hash(packages: tuple[str, ...]) -> str:
-    """Return the SHA-256 of the names and texts of all kernel files in `OWN` and `packages`, sorted by
-    name."""
+    """Return the SHA-256 of the names and texts of all kernel files in `OWN` and `packages`. Files are sorted
+    by name."""
     digest = hashlib.sha256()
     folders = dict.fromkeys((OWN, *packages))
     files = [

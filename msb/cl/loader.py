@@ -3,11 +3,11 @@
 An OpenCL loader finds platforms through ``*.icd`` files, each with the name of a library (cl_khr_icd). The
 loader of the pyopencl wheel reads the ``*.icd`` files of the system and of its own folder. The PoCL wheel
 installs its ``*.icd`` file in the folder of the pyopencl loader (`inducer/pyopencl`:
-scripts/build-wheels.sh). Two installations lack a valid ``*.icd`` file. NVIDIA drivers in containers have
-no ``*.icd`` file. The ``*.icd`` files of the Intel CPU runtime from PyPI name a missing folder. For an
-installation without a valid ``*.icd`` file, this module creates a temporary folder. The folder has
-``*.icd`` files for that installation and for the platforms of the system. While the loader starts,
-OCL_ICD_VENDORS names the temporary folder.
+scripts/build-wheels.sh). In two cases an installed platform has no valid ``*.icd`` file. NVIDIA drivers in
+containers have no ``*.icd`` file. The ``*.icd`` files of the Intel CPU runtime from PyPI name a missing
+folder. For each such installation, this module writes a valid ``*.icd`` file into a temporary folder. The
+folder also has the ``*.icd`` files of the system. OCL_ICD_VENDORS names the temporary folder while the loader
+starts.
 """
 
 import contextlib
@@ -86,7 +86,7 @@ def how_to_get_a_device() -> str:
         if cache and not _is_writable(Path(cache)):
             return f"{_POCL_CACHE}={shorten(cache)} is not writable, so PoCL has no device; unset it"
         if os.environ.get(_POCL_DEVICES):
-            return f"{_POCL_DEVICES} names no device of PoCL; unset it"
+            return f"{_POCL_DEVICES} names a device that PoCL does not have; unset it"
     user = os.environ.get(VENDOR_VARIABLE)
     if user and not Path(user).exists():
         return f"{VENDOR_VARIABLE} names a missing folder, which hides all platforms; unset it"
@@ -131,7 +131,7 @@ def _start(cl: Any, early: bool) -> None:
         with contextlib.suppress(cl.Error):
             for candidate in cl.get_platforms():
                 _platforms.append(candidate.name.strip())
-                candidate.get_devices()  # during this call PoCL reads the environment
+                candidate.get_devices()  # PoCL reads the environment during this call
     if INTEL_PACKAGE in registered and not any("Intel" in name for name in _platforms):
         cause = "pyopencl was loaded before msb.cl" if early else "its library cannot be loaded"
         _notes.append(f"{INTEL_PACKAGE} is installed, but its platform is missing: {cause}")
@@ -150,7 +150,7 @@ def _find_missing_entries() -> dict[str, str]:
         missing = _preload(intel.parent)
         if user:
             _notes.append(
-                f"{VENDOR_VARIABLE} is set, so {INTEL_PACKAGE} is found only if that folder lists it"
+                f"{VENDOR_VARIABLE} names a folder; {INTEL_PACKAGE} is found only if this folder lists it"
             )
         elif missing:
             _notes.append(f"{INTEL_PACKAGE} requires {missing}: {install('intel')}")
@@ -164,8 +164,7 @@ def _find_missing_entries() -> dict[str, str]:
 
 
 def _read_system_entries() -> dict[str, str]:
-    """Return the libraries in the ``*.icd`` files of the system by name, except libraries that do not
-    exist."""
+    """Return the existing libraries, by name, that the system's ``*.icd`` files list."""
     entries: dict[str, str] = {}
     for folder in _SYSTEM_VENDORS:
         with contextlib.suppress(OSError, UnicodeDecodeError):

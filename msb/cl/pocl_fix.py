@@ -7,15 +7,14 @@ this name to clang. LLVM calls every newer processor "generic", and clang then r
 Without this module, x86-64 processors that are newer than the PoCL wheel have no OpenCL device unless a
 driver is installed.
 
-Method: PoCL keeps a pointer to the processor name in its device structure, at byte 640 in this build of the
-library. The module overwrites the characters of this name with the name of a compatible processor of the
-same length.
+Method: PoCL's device structure has a pointer to the processor name, at byte 640 in this build of the library.
+The module overwrites the characters of this name with the name of a compatible processor of the same length.
 
-Safety: nothing is written unless five facts have known values. The facts are the versions of wheel and
-driver, the file name of the library with a hash of its content, the offset of the pointer, and the name at
-the pointer. Memory is read through /proc/self/mem, so a wrong address cannot crash the process.
-`msb.cl.trial` first builds and runs kernels with the new processor name in a separate process. Delete this
-module as soon as a PoCL wheel knows current processors.
+Safety: the module writes only if five facts have the expected values. The five facts are: the version of the
+wheel, the version of the driver, the file name of the library with its content hash, the offset of the
+pointer, and the name at the pointer. Memory is read through /proc/self/mem, so a wrong address cannot crash
+the process. `msb.cl.trial` first builds and runs kernels with the new processor name in a separate process.
+Delete this module as soon as a PoCL wheel knows current processors.
 """
 
 import contextlib
@@ -29,8 +28,8 @@ from typing import Any
 
 # Environment variable; the value 0 disables this module.
 FIX_VARIABLE = "MSB_MEND_POCL"
-# The processor name that replaces the unknown name. This name means a processor with AVX2 and FMA. A
-# processor name with AVX-512 would change the speed by less than 10 %.
+# The processor name given to the compiler: a processor with AVX2 and FMA. A processor name with
+# AVX-512 would change the speed by less than 10 %.
 NAME = b"haswell"
 UNKNOWN = b"generic"
 _WHEEL = "pocl-binary-distribution"
@@ -45,7 +44,7 @@ _SLOT = 640
 # processor name.
 _STRUCTURE = 1024
 _NEEDS = frozenset(("avx2", "fma", "bmi1", "bmi2", "f16c", "movbe"))
-_LZCNT = frozenset(("abm", "lzcnt"))  # Linux calls this feature abm
+_LZCNT = frozenset(("abm", "lzcnt"))  # Linux reports lzcnt as abm
 _LONGEST = 64
 # Addresses of device structures whose processor name was replaced.
 _fixed: set[int] = set()
@@ -57,7 +56,8 @@ def is_off() -> bool:
 
 
 def obstacle() -> str | None:
-    """Return why the fix cannot be applied on this machine, or None. The compiler is not checked."""
+    """Return the reason why the fix cannot be applied on this machine, or None. This function does not check
+    which processor name the compiler gets."""
     if is_off():
         return f"{FIX_VARIABLE}=0 disables the fix"
     if lacking := _find_lacking():
@@ -89,8 +89,8 @@ def compiler_cpu(device: Any) -> str | None:
 
 
 def can_apply(device: Any) -> bool:
-    """Return whether the compiler of the PoCL wheel gets an unknown processor name, and this processor is
-    compatible with `NAME`.
+    """Return whether the PoCL wheel does not know this processor, and this processor is compatible with
+    `NAME`.
     """
     if obstacle() or compiler_cpu(device) != UNKNOWN.decode():
         return False

@@ -38,7 +38,8 @@ _ERROR_LINE = re.compile(
     r"^\s*(?:error: )?(?P<file>[^:\n]+):(?P<line>\d+):\d+: "
     r"(?!warning: |note: |remark: )(?:(?:fatal )?error: )?(?P<text>.+)$"
 )
-# Pattern of a compiler error without a position, and of the text that the platform adds around the error.
+# _COMPLAINT matches a compiler error without a position. _WRAPPING matches text that the platform adds around
+# compiler errors.
 _COMPLAINT = re.compile(r"^\s*(?:fatal )?error:\s*(?P<text>.+)$", re.IGNORECASE)
 _WRAPPING = re.compile(r"clBuildProgram failed|BUILD_PROGRAM_FAILURE|^Build on |^\(options:")
 # Name of the source text in messages of the NVIDIA compiler. The NVIDIA compiler ignores ``#line``
@@ -48,8 +49,8 @@ _NAMELESS = "<kernel>"
 UNKNOWN_CPU = "unknown target CPU"
 
 # Maximum number of attempts to build a program. A build is repeated only if it fails without an error in
-# the source. PoCL processes disturb each other if they build the same program at the same time on an empty
-# cache. With 8 processes, 1 of 200 builds fails.
+# the source. Several PoCL processes disturb each other when they build the same program into an empty cache.
+# One of 200 builds fails with eight processes.
 _ATTEMPTS = 5
 _PAUSE = 0.2  # seconds
 
@@ -88,22 +89,22 @@ class Kernel:
     its event.
 
     The returned event is None if a size is 0. Global and local sizes are an integer or a tuple of up to
-    three integers. `global_size` is rounded up to a multiple of `local_size`. A kernel must therefore
-    compare its global id with the number of elements. The local size is required, because PoCL compiles a
-    kernel again for each new local size.
+    three integers. `global_size` is rounded up to a multiple of `local_size`. Kernels must compare their
+    global id with the number of elements, because the global size is rounded up. The local size is required,
+    because PoCL compiles a kernel again for each new local size.
 
     Kernel arguments are `Buffer`, `LocalMemory`, or NumPy scalars of exactly the type in the kernel
     (``np.uint32(n)``). For a vector argument, pass a NumPy array with as many elements as the vector.
-    Any other argument raises a TypeError. A work-group that exceeds the limit of the device raises a
-    DeviceError `DEVICE_COMMAND`. If a work-group exceeds only the limit of the kernel, the error occurs
-    when the platform rejects the launch.
+    Arguments of other types raise a TypeError. A work-group that exceeds the limit of the device raises a
+    DeviceError `DEVICE_COMMAND`. A work-group that exceeds only the kernel's limit fails when the platform
+    rejects the launch.
 
     Attributes
     ----------
     name : str
     max_work_group : int
-        Maximum number of work-items in a work-group that can certainly be launched. A kernel that needs
-        many registers may allow fewer than its device (OpenCL 1.2 specification, section 5.7.3,
+        A work-group with this number of work-items can certainly be launched. The number is smaller than the
+        device's limit if the kernel needs many registers (OpenCL 1.2 specification, section 5.7.3,
         CL_KERNEL_WORK_GROUP_SIZE). Mesa's Rusticl 22.3 reports a limit of 32 for every kernel, but launches
         groups of 256.
     """
@@ -111,7 +112,8 @@ class Kernel:
     def __init__(self, queue: Queue, handle: Any) -> None:
         self.name: str = handle.function_name
         info = queue.cl.kernel_work_group_info.WORK_GROUP_SIZE
-        # Some platforms return the size that the source requires, even if the device allows less.
+        # Some platforms return the work-group size required by the source, even if it exceeds the device's
+        # limit.
         self.max_work_group: int = min(
             handle.get_work_group_info(info, queue.handle), queue.record.max_work_group
         )
@@ -212,8 +214,8 @@ def build(queue: Queue, package: str, name: str, defines: Mapping[str, Define]) 
 
 def _compile(queue: Queue, source: str, options: tuple[str, ...]) -> list[Any]:
     cl = queue.cl
-    # cl.Program(context, source) is avoided. The disk cache of cl.Program waits a minute for the lock of a
-    # killed process. PoCL and NVIDIA have caches of their own.
+    # Do not call cl.Program(context, source), because its disk cache waits a minute for the lock of a killed
+    # process. PoCL and NVIDIA cache programs themselves.
     program = cl.Program(cl._cl._Program(queue.context, source))
     with warnings.catch_warnings():
         # Compiler warnings are not meant for the user. Errors are raised as exceptions.
@@ -245,7 +247,8 @@ def _find_first_complaint(log: str) -> str:
 
 
 def _find_kind(cl: Any, handle: Any, number: int) -> Any:
-    """Return the kind of argument `number`: Buffer, LocalMemory, (dtype, width), or None if unknown."""
+    """Return the kind of argument `number`: Buffer, LocalMemory, or (dtype, width); return None for an
+    unknown kind."""
     info, qualifiers = cl.kernel_arg_info, cl.kernel_arg_address_qualifier
     try:
         qualifier = handle.get_arg_info(number, info.ADDRESS_QUALIFIER)
@@ -255,7 +258,7 @@ def _find_kind(cl: Any, handle: Any, number: int) -> Any:
     if qualifier != qualifiers.PRIVATE:
         return LocalMemory if qualifier == qualifiers.LOCAL else Buffer
     base = type_name.rstrip("0123456789")
-    if base not in _SCALARS:  # the type is a struct or a typedef of the kernel
+    if base not in _SCALARS:  # a struct or a typedef, which cannot be checked
         return None
     return np.dtype(_SCALARS[base]), int(type_name[len(base) :] or 1)
 
@@ -282,8 +285,8 @@ def _convert(kind: Any, value: Any) -> Any:
 def _identify(argument: Any) -> Any:
     """Return a value that identifies an argument, or None if the argument must be set at every launch.
 
-    The identifying value does not keep the memory of a buffer alive. The identifying value of a released
-    buffer equals no other value.
+    The identifying value does not keep the memory of a buffer alive. No other argument has the identifying
+    value of a released buffer.
     """
     if isinstance(argument, Buffer):
         return weakref.ref(argument.allocation)

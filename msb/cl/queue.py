@@ -28,8 +28,8 @@ class Queue:
         self.record = record
         self.timing: Timing | None = None
         self.allocations: weakref.WeakSet[Allocation] = weakref.WeakSet()
-        # Whether a command failed for another reason than a lack of memory. Some platforms then reject all
-        # later commands.
+        # Whether a command failed for another reason than a lack of memory. Some platforms reject all
+        # commands after such a failure.
         self.failed = False
         self._queue: Any = None
         try:

@@ -14,13 +14,12 @@ MOST = 2**31
 # Minimum number of elements per work-item. With fewer elements, starting a second work-item costs more than
 # it saves.
 _SMALLEST_CHUNK = 4096
-# Chunks of elements per compute unit. With several chunks per unit, other units can take over work of a
-# delayed unit.
+# Number of chunks per compute unit. With several chunks, idle units can take over work of a delayed unit.
 _CHUNKS_PER_UNIT = 4
 # Consecutive elements per work-item on a GPU.
 _ITEMS = 8
-# Maximum number of tile sums, 16 per work-item, that each work-group of a GPU adds up. If there are more
-# sums, another launch scans them.
+# Maximum number of tile sums that each work-group of a GPU adds up, 16 per work-item. A larger number of sums
+# needs another launch.
 _MOST_SUMS = 4096
 # Maximum size of a work-group on a GPU.
 _LARGEST_GROUP = 256
@@ -57,8 +56,8 @@ def exclusive_scan(device: Device, values: Buffer, offsets: Buffer, count: int |
 
 
 def _scan_cpu(device: Device, values: Buffer, offsets: Buffer, count: int) -> None:
-    # Sum each chunk of elements and scan the sums. Then scan each chunk of elements, starting from the
-    # chunk's offset.
+    # Sum each chunk of elements and scan the sums. Scan each chunk of elements, starting from the chunk's
+    # offset.
     program = device.program("scan_cpu", {"SUM": _OPENCL_NAMES[offsets.dtype]})
     chunk, chunks = chunks_of(device, count)
     starts = device.scratch("scan starts", chunks, offsets.dtype)
@@ -75,7 +74,8 @@ def _scan_gpu(device: Device, values: Buffer, offsets: Buffer, count: int, level
         "scan_gpu",
         {"VALUE": _OPENCL_NAMES[values.dtype], "SUM": _OPENCL_NAMES[offsets.dtype], "ITEMS": _ITEMS},
     )
-    # Sum each tile. If there are too many tile sums, scan them recursively. Then scan each tile of elements.
+    # Sum each tile. Scan the tile sums recursively if there are too many for one launch. Scan each tile of
+    # elements, starting from the tile's offset.
     tiles = -(-count // (group * _ITEMS))
     sums = device.scratch(f"scan sums {level}", tiles + 1, offsets.dtype)
     if tiles > 1:
@@ -102,8 +102,8 @@ def chunks_of(device: Device, count: int) -> tuple[int, int]:
 
 
 def build_grouped_program(device: Device, name: str, defines: Mapping[str, Define]) -> tuple[Program, int]:
-    """Return a program in GPU style, and the size of its work-groups. The define GROUP of the program is
-    this size.
+    """Return a program in GPU style, and the size of its work-groups. The program gets this size as the
+    define GROUP.
 
     The size is the largest power of two, up to 256, that the device and every built kernel allow.
     """

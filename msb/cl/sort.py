@@ -13,16 +13,16 @@ from msb.cl.scan import build_grouped_program, check_count, chunks_of, exclusive
 
 # Consecutive elements of a sort per work-item on a GPU.
 _ITEMS = 8
-# Maximum number of key bits per pass. The first-level cache of a CPU supports 256 write streams. Passes of
-# up to 8 bits therefore have equal cost, and passes of 9 bits cost twice as much. On a GPU, a pass reads
-# the data once, and each work-group sorts its tile by 4 bits at a time in local memory.
+# Maximum number of key bits per pass. The first-level cache of a CPU supports 256 write streams. Passes of up
+# to 8 bits therefore take equal time, but passes of 9 bits take twice as long. A GPU reads the data once per
+# pass. Each work-group sorts its tile by 4 bits at a time in local memory.
 _DIGIT_BITS = 8
 _KEYS = {np.dtype(np.uint32): "uint", np.dtype(np.uint64): "ulong"}
 
 
 class _Pass(NamedTuple):
-    """The launch of a sorting pass: the program, its sizes, the arguments between count and shift, and the
-    number of parts.
+    """The data for a sorting pass: the program, its sizes, the kernel arguments between count and shift, and
+    the number of parts.
     """
 
     program: Program

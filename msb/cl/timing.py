@@ -36,8 +36,8 @@ class Timing:
     def milliseconds(self) -> dict[str, float]:
         """Return the milliseconds of device time that the commands of each stage took.
 
-        Stages are in the order of their first command. Time between commands does not count here, but does
-        count for `span`.
+        Stages are in the order of their first command. The result excludes the time between commands, which
+        `span` includes.
         """
         total: dict[str, float] = {}
         for (stage, _), (start, end) in zip(self._events, self._intervals, strict=True):

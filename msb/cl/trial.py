@@ -95,7 +95,7 @@ def forget() -> None:
 
 
 def _try(handle: Any, record: DeviceRecord) -> tuple[Trial, bool]:
-    """Return the result of a device trial, and whether to cache this result."""
+    """Return the result of a device trial, and whether the result may be cached."""
     why, lasting = _find_failure(record, mended=False)
     if why is None:
         return Trial(True), True
@@ -105,8 +105,8 @@ def _try(handle: Any, record: DeviceRecord) -> tuple[Trial, bool]:
 
 
 def _find_failure(record: DeviceRecord, *, mended: bool) -> tuple[str | None, bool]:
-    """Run the device trial in a child process. Return the failure of the trial or None, and whether the
-    result is permanent."""
+    """Run the device trial in a child process. Return the failure of the trial (or None), and whether a
+    repetition would give the same result."""
     request = f"{record.selector} {'mended' if mended else 'as it is'}"
     try:
         reply = run_in_child(run_trial, request, {}, Limits(_SECONDS, None))
@@ -120,9 +120,9 @@ def _find_failure(record: DeviceRecord, *, mended: bool) -> tuple[str | None, bo
 def run_trial(word: str, arrays: Arrays) -> tuple[str | None, Arrays]:
     """Build and run trial.cl in a child process. Return the reason why the device does not work, or None.
 
-    `word` has the selector of the device, and a flag for repairing its compiler first. `arrays` is empty.
+    `word` names the device, and tells whether to repair its compiler first. `arrays` is empty.
     """
-    os.environ["POCL_KERNEL_CACHE"] = "0"  # a cached kernel would not test the compiler
+    os.environ["POCL_KERNEL_CACHE"] = "0"  # a cached kernel would hide compiler failures
     from msb.cl.devices import find_devices
 
     cl = opencl()

@@ -1,9 +1,9 @@
 """Computes statistics of the differences between two renderers.
 
 The largest difference of two images is not a useful measure of their agreement. Graphics hardware snaps
-triangle corners to a grid of 1/256 pixel, some software renderers to 1/16 pixel, and ray tracers do not snap
-corners at all. At edges and intersections, two correct renderers may therefore show different faces. Inside a
-face, away from its edges, two renderers must agree.
+triangle corners to a grid of 1/256 pixel. Some software renderers snap to 1/16 pixel, and ray tracers do not
+snap corners. Two correct renderers may show different faces at edges and intersections. Inside a face, away
+from its edges, two renderers must agree.
 """
 
 from collections.abc import Sequence
@@ -51,7 +51,8 @@ class Agreement:
 
 
 def agreement(theirs: Sequence[Frame], ours: Sequence[Frame]) -> Agreement:
-    """Return the agreement of `theirs` with `ours`, pooled over all frames; `ours` needs face ids."""
+    """Return the agreement of `theirs` with `ours` over all frames. The frames of `ours` must have face
+    ids."""
     levels, squares, alike, inside = [], [], [], []
     for frame, reference in zip(theirs, ours, strict=True):
         assert reference.face_id is not None

@@ -31,18 +31,17 @@ from msb.scenes.colors import Color
 # The environment variable with the path of a Python interpreter that has bpy. The variable is only needed if
 # the Python interpreter of msb has no bpy.
 VARIABLE = "MSB_BLENDER"
-# Limits of Blender: smallest and largest width or height in pixels, and largest ratio of the two sides of a
-# pixel.
+# Limits of Blender: smallest and largest side of an image in pixels, and largest pixel aspect ratio.
 _MIN_SIDE, _MAX_SIDE, _MAX_ASPECT = 4, 65536, 200.0
-# Width of the camera sensor in millimetres. Images depend only on the ratio of the width to the focal length.
-# A wide sensor keeps the focal length above 1 mm, the minimum in Blender.
+# Width of the camera sensor in millimetres. Images depend only on the ratio of the sensor width to the focal
+# length. A wide sensor keeps the focal length above 1 mm, the minimum in Blender.
 _SENSOR = 100.0
 # Rotation from Blender's camera axes (x right, y up, looking along -z) to OpenCV's camera axes.
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 # The rotation from y up to z up that Blender's glTF importer applies to a model.
 _GLB_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
-# Maximum time of a request in seconds. Blender is ended after this time. Cycles takes minutes to render large
-# meshes.
+# Maximum time of a request in seconds. Blender is stopped when a request takes longer. Cycles takes minutes
+# to render large meshes.
 _LONGEST_SECONDS = 1800
 # Depths above this value mark pixels without a face in Blender's images.
 _FAR = 1e10
@@ -123,7 +122,7 @@ class _Blender(Engine):
         """Raise an error if Blender cannot draw the asset, or cannot draw on the requested device."""
 
     def _device_info(self, about: Mapping[str, Any]) -> Mapping[str, str]:
-        """Return the value for `device_info` from the worker's answer to its first request."""
+        """Return the value for `device_info`, which the worker sends with its first answer."""
         raise NotImplementedError
 
     @classmethod
@@ -150,7 +149,7 @@ class _Blender(Engine):
         return process.stdout.strip()
 
     def memory(self) -> Mapping[str, int]:
-        """Return the memory growth of Blender's process in bytes; Blender reports no details."""
+        """Return the memory growth of Blender's process in bytes. Blender does not report memory by use."""
         return {"Blender's process": max(0, self._resident - self._baseline)}
 
     def close(self) -> None:
@@ -271,7 +270,7 @@ def blender_camera(camera: Camera, turn: NDArray[np.float64]) -> dict[str, Any]:
         text = f"Blender renders {_MIN_SIDE} to {_MAX_SIDE} pixels per side, not {width} x {height}"
         raise Unsupported("UNSUPPORTED_CAMERA", text)
     if max(aspect) > _MAX_ASPECT:
-        text = f"fx / fy is {ratio:g}; Blender allows pixel aspect ratios up to {_MAX_ASPECT:g}"
+        text = f"the pixel aspect ratio fx / fy is {ratio:g}; Blender allows at most {_MAX_ASPECT:g}"
         raise Unsupported("UNSUPPORTED_CAMERA", text)
     sensor = max(_SENSOR, 2 * width / camera.fx)
     return {

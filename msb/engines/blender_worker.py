@@ -27,7 +27,7 @@ def main() -> None:
             else:
                 answer = worker.render(request)
             answer["resident"] = resident()
-        except Exception as error:  # pass Blender's message on
+        except Exception as error:  # forward Blender's message
             answer = {"error": f"{type(error).__name__}: {error}"}
         answers.write(json.dumps(answer) + "\n")
         answers.flush()
@@ -125,7 +125,7 @@ class Worker:
         attribute.attribute_name = self.mesh.data.color_attributes[0].name
         color, alpha = attribute.outputs["Color"], attribute.outputs["Alpha"]
         if image is not None:
-            image.image.alpha_mode = "CHANNEL_PACKED"  # filter colours without multiplying them by alpha
+            image.image.alpha_mode = "CHANNEL_PACKED"  # filter colours that are not premultiplied by alpha
             if self._exact:
                 image.image = self._linear_copy(image.image)
             # Multiply the texture with the vertex colour, and the texture's alpha with the vertex alpha.

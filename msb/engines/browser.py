@@ -1,10 +1,9 @@
 """A headless browser that shows one of our pages and executes drawing tasks.
 
-A local HTTP server sends tasks to the page and receives answers (web/remote.js), so that no driver and no
-debugging protocol is needed. The page's address contains a secret. With a secret in the address, other users
-of the machine cannot read the asset, and cannot answer in place of the page. Other users of the machine can
-see the command line of the browser. Therefore the command line of the browser contains another address, which
-redirects to the page only once.
+A local HTTP server sends tasks to the page and receives answers (web/remote.js). No driver and no debugging
+protocol is needed. The page's address contains a secret. Other users who do not know the secret can neither
+read the asset nor send false answers. Other users of the machine can see the browser's command line. The
+command line therefore shows a temporary address, which redirects to the page only once.
 """
 
 import contextlib
@@ -28,8 +27,8 @@ from msb.errors import DeviceError, shorten
 
 # The environment variable with the path of the browser to use.
 VARIABLE = "MSB_BROWSER"
-# Without the variable, the browser is searched by these names on PATH, then at usual paths on macOS and
-# Windows.
+# If the variable is not set, msb searches PATH for these names. On macOS and Windows, msb also searches the
+# usual installation paths.
 _NAMES = (
     "chromium",
     "chromium-browser",
@@ -57,8 +56,7 @@ _FLAGS = (
     "--mute-audio",
     "--hide-scrollbars",
     "--window-size=800,600",
-    # This flag allows the page to close its window after the end of our server. Closing the window ends the
-    # browser.
+    # This flag lets the page close its window when our server ends. Closing the window ends the browser.
     "--blink-settings=allowScriptsToCloseWindows=true",
 )
 # Flags for WebGL in software, for WebGL on a GPU if possible, for WebGPU, and for WebGPU in software.
@@ -73,7 +71,7 @@ _WEBGPU_SOFTWARE = (
     # The watchdog of the browser would end slow GPU work, such as shaders on a busy machine.
     "--disable-gpu-watchdog",
 )
-# File suffix -> MIME type. Browsers only execute scripts with the correct MIME type.
+# The MIME type of each file suffix. Browsers only execute scripts with the correct MIME type.
 _MIME_TYPES = {
     "html": "text/html",
     "js": "text/javascript",
@@ -187,7 +185,7 @@ class Page:
         return self._wait(_ANSWER_SECONDS)
 
     def _wait(self, seconds: float) -> Answer:
-        """Return the next answer of the page; raise ENGINE_FAILED after `seconds`."""
+        """Return the next answer of the page. Raise ENGINE_FAILED if no answer arrives within `seconds`."""
         end = time.monotonic() + seconds
         while True:
             try:
@@ -229,7 +227,7 @@ def _end(
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-    tasks.put(b"")  # this ends a waiting server thread, which would keep all content in memory
+    tasks.put(b"")  # stop a server thread that waits for a task
     server.shutdown()
     server.server_close()
     log.close()
@@ -243,9 +241,9 @@ def _handler(
     tasks: queue.Queue[bytes],
     answers: queue.Queue[bytes],
 ) -> type[BaseHTTPRequestHandler]:
-    """Return a request handler for the files of `content` and the tasks below the path `root`.
+    """Return a request handler that serves the files in `content` and the tasks below the path `root`.
 
-    `redirects` maps paths to addresses; each path works only once.
+    `redirects` maps a path to an address. Each redirect works only once.
     """
 
     class Handler(BaseHTTPRequestHandler):

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 TEST_VIEWS = 4
 # Largest width or height in pixels of a test view that we render; larger cameras are scaled down.
 TEST_SIDE = 640
-# Number of cameras, evenly spread, for --faces; the contribution of each face is summed over these cameras.
+# Number of evenly spread cameras over which --faces sums the contribution of each face.
 WEIGHING_VIEWS = 16
 # File endings of the images of --renders.
 _IMAGE_ENDINGS = (".png", ".npy")
@@ -64,14 +64,13 @@ class WebOptions:
     renders: Annotated[
         Path | None,
         Option(
-            "With --cameras: compare the page with the official images in DIR, which are named like the "
-            "cameras.",
+            "With --cameras: compare the page with the official images in DIR. A file name is a camera name.",
             metavar="DIR",
         ),
     ] = None
     baked: Annotated[
         Path | None,
-        Option("Also show the mesh FILE, written by msb bake for this model, with its PSNR.", metavar="FILE"),
+        Option("Also show FILE, a mesh that msb bake wrote for this model, and its PSNR.", metavar="FILE"),
     ] = None
     no_verify: Annotated[bool, Option("Do not measure the page in a browser.")] = False
     at_least: Annotated[
@@ -327,7 +326,7 @@ def _as_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _measure_baked(content: PageContent, baked: Asset, tests: Sequence[CheckView]) -> BakedMesh:
-    """Return the baked mesh, and the test PSNRs of this mesh and of the standard-tier mesh."""
+    """Return the baked mesh with its average PSNR, and with the average PSNR of the standard-tier mesh."""
     from msb.asset.tiers import why_not
     from msb.engines.dedicated_page.page import BakedMesh
     from msb.engines.engine import engine_mesh
@@ -346,7 +345,7 @@ def _measure_baked(content: PageContent, baked: Asset, tests: Sequence[CheckView
 
 
 def _read_test_view(camera: Camera, folder: Path, background: tuple[float, float, float]) -> CheckView:
-    """Return a test view with a camera, the image for it from a folder, and the size of the image."""
+    """Return a test view whose image is read from `folder`. The camera gets the size of the image."""
     from msb.engines.dedicated_page.page import CheckView
     from msb.metrics.image_files import read_image
 

@@ -25,12 +25,12 @@ from msb.scenes.colors import Color
 
 # Distance of the near plane, in units of the camera. The standard tier has no far plane.
 NEAR = 0.01
-# Name of the only stage of a frame if the time is measured by wall clock until the frame is complete.
+# Stage name of a frame whose time is measured with the wall clock.
 WALL_CLOCK = "draw (wall clock)"
-# Name of the only stage of a frame if the device measures the time.
+# Stage name of a frame whose time is measured by the device.
 DRAW = "draw"
 
-# Use of device memory -> group of this use in reports.
+# The group in memory reports for each use of device memory.
 _GROUPS = {
     **dict.fromkeys(("positions", "indices"), "geometry"),
     **dict.fromkeys(("vertex colors", "texture coordinates", "tints"), "appearance"),
@@ -42,7 +42,7 @@ class Engine(ABC):
     """A renderer that draws the standard-tier mesh of an asset with another engine.
 
     Renderers with other engines have the same options as our renderer of the standard tier. `device` is
-    "cpu", "gpu" or None; None lets the engine choose. The OpenCL device names and MSB_DEVICE do not apply to
+    "cpu", "gpu", or None to let the engine choose. The OpenCL device names and MSB_DEVICE do not apply to
     other engines.
     """
 
@@ -87,10 +87,10 @@ class Engine(ABC):
 
     @abstractmethod
     def memory(self) -> Mapping[str, int]:
-        """Return the memory that the asset occupies, as name of the use -> bytes."""
+        """Return the bytes of device memory for each use."""
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return the groups for reports of memory, as name of a use -> name of its group."""
+        """Return the group in memory reports for each use."""
         return _GROUPS
 
     @abstractmethod

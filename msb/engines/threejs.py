@@ -1,4 +1,4 @@
-"""The renderer `threejs` draws with three.js (WebGL 2) in a headless browser, with the page of `msb web`."""
+"""The renderer `threejs` draws with three.js (WebGL 2). A headless browser shows the page of `msb web`."""
 
 import sys
 from collections.abc import Mapping
@@ -20,10 +20,10 @@ from msb.scenes.colors import Color
 class ThreeJsRenderer(Engine):
     """Draws the GLB file of an asset with three.js.
 
-    With `device` "cpu" SwiftShader draws in software; with "gpu" a graphics card draws. Colours and depths
+    With `device` "cpu", SwiftShader draws in software. With "gpu", a graphics card draws. Colours and depths
     are read from float32 render targets, so they are not rounded. Frames have no face ids, because WebGL has
     no primitive numbers. If the browser supports timer queries, the device measures times. Without timer
-    queries, times are wall-clock times, in the stage `WALL_CLOCK`.
+    queries, the wall clock measures times, in the stage `WALL_CLOCK`.
 
     Parameters
     ----------

@@ -103,7 +103,7 @@ class Gpu:
     Attributes
     ----------
     resources : dict
-        Name of the use -> buffer or texture.
+        The buffer or texture of each use.
     nanoseconds_per_tick : float or None
         The unit of timestamps; None if the device has no timestamps.
     """
@@ -128,7 +128,7 @@ class Gpu:
         return {"platform": platform, "name": self.name, "kind": self.kind}
 
     def open(self, limits: Iterable[str], *, timed: bool) -> None:
-        """Open the device with the adapter's maximum of all `limits`; with `timed`, enable timestamps."""
+        """Open the device with the adapter's maximum of all `limits`. With `timed`, enable timestamps."""
         self.device = self.adapter.request_device_sync(
             required_features=self.features,
             required_limits={name: self.adapter.limits[name] for name in limits},
@@ -163,7 +163,8 @@ class Gpu:
             raise
 
     def buffer(self, use: str, size: int, *usages: str, data: NDArray[Any] | None = None) -> None:
-        """Create a buffer for a use, in place of an earlier buffer; `data` is its optional content."""
+        """Create a buffer for a use, with the content `data` if given. An earlier buffer for this use is
+        replaced."""
         usage = 0
         for word in usages:
             usage |= getattr(self._wgpu.BufferUsage, word.upper())
@@ -175,7 +176,8 @@ class Gpu:
             self.resources[use] = self.device.create_buffer_with_data(data=array, usage=usage)
 
     def texture(self, use: str, width: int, height: int, form: str, *usages: str, levels: int = 1) -> None:
-        """Create a texture with `levels` mip levels for a use, in place of an earlier texture."""
+        """Create a texture with `levels` mip levels for a use. An earlier texture for this use is
+        replaced."""
         usage = 0
         for word in usages:
             usage |= getattr(self._wgpu.TextureUsage, word.upper())
@@ -222,8 +224,8 @@ class Gpu:
     def close(self) -> None:
         """Destroy the device and its resources; a second call does nothing.
 
-        A device object of wgpu-py refers to itself. So only a garbage collection releases the shaders of a
-        device and the driver's threads, which take 10 to 30 MB on lavapipe.
+        A device object of wgpu-py refers to itself, so only a garbage collection frees it. A freed device
+        releases its shaders and driver threads, which take 10 to 30 MB on lavapipe.
         """
         for resource in self.resources.values():
             resource.destroy()

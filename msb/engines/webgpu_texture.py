@@ -1,8 +1,8 @@
 """Draws a mesh with textures for the renderer `wgpu`, with the samplers and mip maps of the hardware.
 
 Faces do not share vertices. The faces are drawn in the order of the asset, with one draw call for each run of
-consecutive faces with the same texture. If several faces have equal depths, the first face is therefore
-visible, as in our renderer.
+consecutive faces with the same texture. If several faces have equal depths, the first face is visible, as in
+our renderer.
 """
 
 from typing import Any
@@ -17,7 +17,7 @@ from msb.engines.webgpu_adapter import Gpu
 from msb.errors import DeviceError
 
 _WRAPS = {"repeat": "repeat", "clamp": "clamp-to-edge", "mirror": "mirror-repeat"}
-# Vertex buffer -> number of bytes per corner, and format.
+# Bytes per corner and format of each vertex buffer.
 ATTRIBUTES = {
     "positions": (12, "float32x3"),
     "texture coordinates": (8, "float32x2"),

@@ -19,7 +19,7 @@ from msb.asset.look import AMBIENT, GREY, light_toward
 from msb.scenes import Camera
 from msb.scenes.framing import Framing
 
-# If a page has more faces than this, most browsers run out of memory when they open the page.
+# Pages with more faces than this exceed the memory of most browsers.
 LARGE = 3_000_000
 _SCRIPTS = ("camera.js", "page.js", "controls.js", "files.js", "start.js")
 # Parts of a JavaScript module that are invalid in a plain script: "use strict", imports, exports.
@@ -41,8 +41,7 @@ def make_mesh_page(
     Parameters
     ----------
     glb : bytes, optional
-        The mesh. A page without a mesh shows a file that is dropped on the page, or the file of `?url=` in
-        the address.
+        The mesh. Without a mesh, the page opens a dropped file, or the file named by `?url=` in the address.
     name, cameras, up, background, framing
         As for `scene_to_json`.
     served : bool
@@ -67,7 +66,8 @@ def scene_to_json(
     the whole model, except for far outliers that `framing` excludes.
     """
     listed = [{**camera_to_json(camera), "name": camera.name} for camera in cameras]
-    # Dropped files without colours are shaded with these values. Files that msb wrote always have colours.
+    # The page shades dropped meshes without colours by these values. Meshes written by msb always have
+    # colours.
     daylight = {"grey": GREY, "ambient": AMBIENT, "light": light_toward(up).tolist()}
     scene = {"name": name, "cameras": listed, "up": up, "background": list(background), "daylight": daylight}
     if framing is not None and framing.left_out:
@@ -85,7 +85,7 @@ def fill_template(
     contain arrays.
     """
     three = files("msb.engines") / "web" / "three"
-    # Search each placeholder only after the previous placeholder, because an inserted name may look like a
+    # Search for each placeholder after the previous placeholder, because inserted text may itself look like a
     # placeholder.
     rest = read_script("page.html")
     parts = []
@@ -120,7 +120,7 @@ def _three_modules() -> str:
 def read_script(name: str) -> str:
     """Return a file of msb/engines/web without module syntax, so that it can precede other scripts.
 
-    Some files of the page are modules, because the npm package in integrations/js contains the same files.
+    The npm package in integrations/js imports some of these files as modules.
     """
     text = (files("msb.engines") / "web" / name).read_text("utf-8")
     return _MODULE_SYNTAX.sub("", text)

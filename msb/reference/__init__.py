@@ -3,8 +3,8 @@
 The renderers are slow and easy to verify.
 
 In float32 the renderers repeat the official kernels operation by operation. The OpenCL kernels are tested
-against the reference renderers. Results in float64 can differ where they depend on a single rounding. The
-formulas and the measured agreement are in docs/reference.md.
+against the reference renderers. Results in float64 may differ from float32 results where a single rounding
+decides. The formulas and the measured agreement are in docs/reference.md.
 """
 
 import time
@@ -96,7 +96,7 @@ def render_reference(
     if background is None:
         background = default_background(asset.manifest)
     color = np.asarray(check_background(background, asset.manifest.appearance.get("background")), real)
-    # Culled faces take part in array operations, so their divisions by zero are expected.
+    # Culled faces also pass through the array operations, so divisions by zero are expected.
     with np.errstate(all="ignore"):
         view = camera.in_units(asset.manifest.origin)
         frame: ReferenceFrame = module.render(asset, view, color, values, real, Modes(order, sampling))

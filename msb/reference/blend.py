@@ -38,14 +38,14 @@ class Rule:
     """The differences between the methods' compositing."""
 
     blends_crossing: bool
-    """True: the face that lowers the transmittance T to the threshold is the last blended face (2DTS).
+    """True if the face that lowers the transmittance T to the threshold is still blended (2DTS).
 
-    False: a face that would lower T below the threshold is not blended (3DGS).
+    If false, a face that would lower T below the threshold is not blended (3DGS).
     """
     weight_first: bool
-    """True: a face of colour c adds c (alpha T) to the sum.
+    """True if a face of colour c adds c (alpha T) to the sum.
 
-    False: the face adds (c alpha) T, whose rounding differs.
+    If false, the face adds (c alpha) T, which rounds differently.
     """
 
 
@@ -53,8 +53,8 @@ class Rule:
 class Composite:
     """Sums over the faces at every sample, without background, as arrays of H x W samples.
 
-    `depth_median` and `face_median` belong to the last blended face with T > 0.5 in front of it. In samples
-    without faces, `depth_median` is 0 and `face_median` is -1.
+    `depth_median` and `face_median` describe the last blended face that has a transmittance above 0.5 in
+    front of it. In samples without faces, `depth_median` is 0 and `face_median` is -1.
     """
 
     color: Reals
@@ -121,7 +121,7 @@ def composite(
                 continue
             faces, alpha = faces[somewhere], np.where(seen, alpha, 0)[somewhere]
             before, blended, goes_on = _attenuate(image.transmittance, pixels, alpha, rule)
-            # Find the N pairs of a sample and a blended face, from front to back within each sample.
+            # List the N blended faces of all samples: first by sample, then from front to back.
             sample, face = np.nonzero(blended.T)
             layers = shade(faces[face], x[sample], y[sample])
             if weights is not None:
@@ -138,15 +138,15 @@ def _attenuate(
 ) -> tuple[Reals, NDArray[np.bool_], NDArray[np.bool_]]:
     """Lower the transmittance T of P pixels by the `alpha` (K, P) of K faces.
 
-    Returns three arrays: T in front of every face (K, P), whether the face is blended (K, P), and which
-    pixels are not finished (P,).
+    Return three arrays: the transmittance T in front of each face (K, P), a mask of the blended faces (K, P),
+    and a mask of the pixels that stay open (P,).
     """
-    # Compute T in front of the first face, between the faces, and behind the last face, as products from
-    # front to back.
+    # Multiply from front to back. The rows are T in front of the first face, between faces, and behind the
+    # last face.
     chain = np.concatenate([transmittance[pixels][None], 1 - alpha])
     chain = np.multiply.accumulate(chain, axis=0)
     before, after = chain[:-1], chain[1:]
-    # T never rises, so a sample that stops at a face is finished for all faces behind it.
+    # T only falls along a ray, so all faces behind the stopping face are skipped.
     threshold = alpha.dtype.type(MIN_TRANSMITTANCE)
     goes_on = chain > threshold if rule.blends_crossing else chain >= threshold
     blended = goes_on[:-1] if rule.blends_crossing else goes_on[1:]
@@ -174,10 +174,10 @@ def _add(
         color = layers.color * alpha[:, None] * before[:, None]
     totals = (*image.color.T, image.depth, *image.normal.T)
     terms = (*color.T, layers.depth * weight, *(layers.normal * weight[:, None]).T)
-    # add.at adds one pair after the other, and it is faster with a separate call for each channel.
+    # add.at adds one pair after the other. Separate calls for each channel are faster.
     for total, term in zip(totals, terms, strict=True):
         np.add.at(total, pixels, term)
-    # Find the last pair of each pixel with T > 0.5 in front of the face.
+    # Find the last face of each pixel with T > 0.5 in front of the face.
     early = np.flatnonzero(before > 0.5)
     last = early[np.diff(pixels[early], append=-1) != 0]
     image.depth_median[pixels[last]] = layers.depth[last]
@@ -185,5 +185,6 @@ def _add(
 
 
 def expected_depth(depth: Reals, alpha: Reals) -> Reals:
-    """Return the sum of weight times depth, divided by alpha. The result is 0 at samples with alpha 0."""
+    """Return the expected depth: the sum of weight times depth, divided by alpha. Samples with alpha 0 have
+    the depth 0."""
     return np.where(alpha > 0, depth / np.where(alpha > 0, alpha, 1), 0).astype(depth.dtype)

@@ -1,8 +1,8 @@
 """The matrices that each method's official code derives from a camera.
 
-`msb.Camera` has OpenCV axes and pixel centres at half-integers. Official code reads either angles of view or
-an intrinsic matrix. Converting the camera to either form reproduces the official float32 matrices. Remaining
-differences are described in docs/reference.md.
+`msb.Camera` has OpenCV axes and pixel centres at half-integers. Some official code reads angles of view;
+other official code reads an intrinsic matrix. This module converts a camera to both forms, and reproduces the
+official float32 matrices. Remaining differences are described in docs/reference.md.
 """
 
 import math

@@ -29,11 +29,11 @@ from msb.reference.tiles import Integers, Modes
 NEAR, FAR = 0.01, 100.0
 # Faces whose centroid has at most this depth (camera z, scene units) are dropped.
 NEAREST = 0.2
-# Faces are dropped if the cosine between their normal and the view direction has a magnitude below this
-# threshold.
+# Smallest absolute cosine of the angle between a face's normal and the view direction; other faces are
+# dropped.
 GRAZING = 0.001
-# Smallest divisor when a vector is normalised, in scene units. For cross products of edges, the divisor is in
-# square scene units.
+# Smallest divisor when a vector is normalised, in scene units. The divisor has square scene units for cross
+# products of edges.
 MIN_LENGTH = 1e-4
 # Faces with a lower opacity are dropped.
 MIN_OPACITY = 0.01
@@ -46,7 +46,7 @@ class Windows:
     """Projected faces on the screen, in samples; F is the number of faces.
 
     Methods of this class take face numbers, and the columns and rows of samples. Face and sample arrays are
-    broadcast: pass K faces as (K, 1) and P samples as (P,), or N faces with one sample each as (N,).
+    broadcast. Pass K faces as (K, 1) and P samples as (P,). For N faces with one sample each, pass (N,).
     """
 
     # (F,) whether a face is culled by distance, grazing view angle or size. Faces are also culled by opacity
@@ -61,8 +61,8 @@ class Windows:
     corners: Reals
     # (F, 3, 2) unit normals of the edges from corner k to k + 1, pointing outwards.
     edge_normal: Reals
-    # (F, 3) edge offsets: n . q + offset is the signed distance of a point q from an edge with normal n,
-    # positive outside.
+    # (F, 3) edge offsets. The signed distance of a point q from an edge with normal n is n . q + offset,
+    # which is positive outside.
     edge_offset: Reals
     # (F, 3) signed distance of the incentre from each edge. The distance is negative, and equal for all three
     # edges up to rounding.

@@ -4,10 +4,10 @@ Fragments exist only at pixel centres inside the projected triangle. Geometry ne
 clipped. Vertex attributes are interpolated with perspective correction. Faces are not sorted into tiles, and
 are not culled by size or distance. The coverage window, colours and blending follow the method.
 
-Barycentric coordinates divided by depth are affine on the screen, and so is 1 / depth. These quotients are
-called homogeneous edge functions (Olano and Greer, "Triangle scan conversion using 2D homogeneous
-coordinates", 1997). Homogeneous edge functions make clipping of polygons unnecessary: all three are negative
-if a line of sight meets the triangle behind the camera.
+Barycentric coordinates divided by depth are affine on the screen, and so is 1 / depth. The barycentric
+coordinates divided by depth are called homogeneous edge functions (Olano and Greer, "Triangle scan conversion
+using 2D homogeneous coordinates", 1997). Polygons need no clipping: where a ray meets the triangle behind the
+camera, all three functions are negative.
 """
 
 from dataclasses import dataclass
@@ -23,8 +23,8 @@ from msb.reference.tiles import TILE, Integers, Rectangles
 NEAR = 0.01
 # The box of a triangle is widened by this number of samples, so that rounding does not cut off samples.
 SLACK = 0.1
-# Offset added to the low end of a box before rounding down to the first sample, as in splat_common.cl. A
-# sample just outside the box is therefore included.
+# Offset added to the low end of a box before rounding down to the first sample, as in splat_common.cl. The
+# offset includes a sample just outside the box.
 ALMOST_ONE = 0.999
 
 
@@ -112,16 +112,16 @@ def project_engine(triangles: Reals, view: SplattingCamera, *, incentre: bool) -
     Parameters
     ----------
     incentre : bool
-        True: the window is 1 at the incentre. The window is the distance to the nearest edge divided by the
-        inradius, both measured on the triangle in space. False: the window is 1 at the centroid, and three
-        times the smallest barycentric coordinate elsewhere.
+        If true, the window is 1 at the incentre. The window is the distance to the nearest edge divided by
+        the inradius, both measured on the triangle in space. If false, the window is three times the smallest
+        barycentric coordinate, so it is 1 at the centroid.
 
     Notes
     -----
     For corners p_k in camera space, normal N = (p_1 - p_0) x (p_2 - p_0) and a ray d = (x, y, 1): 1 / depth =
     N . d / V and b_k / depth = (p_i x (p_j - p_i)) . d / V with V = p_0 . N, where i and j are the two other
-    corners, in order. For the edge opposite to corner k, the distance divided by the inradius is b_k times
-    the perimeter divided by the edge's length.
+    corners, in order. Let h be the distance to the edge opposite corner k, divided by the inradius. Then h is
+    b_k times the perimeter, divided by the length of this edge.
     """
     real = triangles.dtype.type
     corners = transform(view.world_to_camera[:3], triangles)
@@ -160,7 +160,8 @@ def project_engine(triangles: Reals, view: SplattingCamera, *, incentre: bool) -
 
 
 def _scale(view: SplattingCamera) -> tuple[Reals, Reals]:
-    """Return the ray difference of adjacent samples (2,), and the sample on the optical axis (2,)."""
+    """Return the difference (2,) between the rays of adjacent samples, and the sample (2,) on the optical
+    axis."""
     size = np.array([view.width, view.height], view.tan_fov.dtype)
     return 2 * view.tan_fov / size, (size - 1) * size.dtype.type(0.5) + view.shift
 
@@ -177,7 +178,8 @@ def _sample_box(corners: Reals, view: SplattingCamera) -> tuple[Integers, Intege
     real = corners.dtype.type
     near, (step, middle) = real(NEAR), _scale(view)
     z, following = corners[..., 2], np.roll(corners, -1, axis=1)
-    # Compute the points where edges cross the near plane; they are valid only for edges that cross it.
+    # Compute the points where edges cross the near plane. The points are valid only for edges that cross the
+    # plane.
     share = (near - z) / (following[..., 2] - z)
     cut = corners[..., :2] + share[..., None] * (following[..., :2] - corners[..., :2])
     inside = z >= near

@@ -65,7 +65,7 @@ def tiles_front_to_back(
 
     Without `rectangles` every tile lists every face. The sort key `depth` must not be negative. Faces with
     equal keys keep ascending face numbers. The official kernels sort (tile number << 32 | bits of the float32
-    depth) with a stable radix sort. For positive depths the order is identical.
+    depth) with a stable radix sort. For positive depths, both sorts give the same order.
     """
     columns, tile_rows = grid_size(width, height).tolist()
     faces = np.flatnonzero(kept)
@@ -99,10 +99,10 @@ def _tile(number: int, columns: int, width: int, height: int, faces: Integers) -
 class Modes:
     """The drawing order and the sampling rules; the defaults follow the official code.
 
-    With order "tile", triangles are drawn by depth, each only in the tiles of the official code. With order
-    "global" (by depth) or "none" (by index), triangles are drawn in every tile that they reach. With sampling
-    "engine" (`msb.reference.engine`), the tiles of a triangle contain all of its samples, so "tile" and
-    "global" give the same image.
+    With order "tile", triangles are sorted by depth, and each triangle is drawn only in its official tiles.
+    With order "global" (by depth) or "none" (by index), triangles are drawn in every tile that they reach.
+    With sampling "engine" (`msb.reference.engine`), the tiles of a triangle contain all of its samples, so
+    "tile" and "global" give the same image.
     """
 
     order: Order = "tile"

@@ -1,4 +1,4 @@
-"""The interface of a renderer, and the lookup of renderers by tier or by the name of an entry point."""
+"""The interface of a renderer, and functions that find a renderer by its tier or by its name."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ BUILT_IN = {
 }
 # Renderer tiers whose built-in renderer needs an OpenCL device.
 ON_OPENCL = ("standard", "dedicated")
-# For the name of another engine, the renderer that uses this engine.
+# The renderer class of each other engine.
 ENGINES = {
     "wgpu": "msb.engines.webgpu:WgpuRenderer",
     "threejs": "msb.engines.threejs:ThreeJsRenderer",
@@ -42,9 +42,9 @@ ENGINES = {
 # frame.
 Group = Literal["geometry", "appearance", "scratch", "targets"]
 
-# A renderer may reorganise its data until it draws the frame with this number. The memory of later frames
-# depends on the cameras only, not on the number of frames. Benchmarks measure frame times from this frame
-# on.
+# A renderer may reorganise its data before it draws the frame with this number. From this frame on, the
+# memory of a frame depends on its camera, not on the number of earlier frames. Benchmarks measure frame times
+# from this frame.
 SETTLED_AT = 3
 
 
@@ -74,13 +74,12 @@ class Backend(Protocol):
       drawing device. Renderers that do not draw on an OpenCL device need this attribute.
     - The class attribute `tiers`: the tiers that the class draws. The default is all tiers.
     - The class method `of_tier(tier)`: returns the class that draws a tier, if tiers have different classes.
-    - The class method `missing()`: returns which software must be installed first, or None. The method
-      `missing` must be quick.
-    - The class method `installed()`: returns the version string without starting the engine. A renderer needs
-      this method if its `version` is known only after the first frame, because `msb run` renders images again
+    - The class method `missing()`: returns the name of missing software, or None. The call must be quick.
+    - The class method `installed()`: returns the version string without starting the engine. Implement
+      `installed` if `version` is known only after the first frame, because `msb run` renders images again
       when the version changes.
-    - The method `memory_groups()`: returns a mapping from each purpose in `memory()` to its `Group`. In
-      `memory_groups`, purposes without an entry count as scratch memory.
+    - The method `memory_groups()`: returns the `Group` of each purpose in `memory()`. Purposes without an
+      entry count as scratch memory.
     """
 
     name: str
@@ -95,15 +94,16 @@ class Backend(Protocol):
         """Draw a frame and wait until it is complete, without reading it back. Benchmarks time this."""
 
     def memory(self) -> Mapping[str, int]:
-        """Return the bytes of device memory for this asset by purpose, or an empty mapping if the renderer
-        cannot count them."""
+        """Return the bytes of device memory for this asset by purpose. If the renderer cannot count them,
+        return an empty mapping."""
 
     def close(self) -> None:
         """Release all memory. A second call of `close` has no effect."""
 
 
 def find_renderer(name: str) -> Factory:
-    """Return the class of renderer `name`, a tier or an entry point of the group `msb.renderers`."""
+    """Return the class of renderer `name`. The name is a tier or an entry point of the group
+    `msb.renderers`."""
     with attribute_errors(name):
         return _factory(name)
 
@@ -141,8 +141,8 @@ def make_backend(factory: Factory, name: str, asset: Asset, **options: Any) -> B
 
 @contextmanager
 def attribute_errors(name: str) -> Iterator[None]:
-    """Run code of renderer `name`; errors of a renderer from another package become ENGINE_FAILED with its
-    name."""
+    """Run code of renderer `name`. If the renderer is from another package, its errors become ENGINE_FAILED
+    with its name."""
     if is_ours(name):
         yield
         return
@@ -195,11 +195,11 @@ def check_supported(asset: Asset, tier: str) -> None:
 
 
 def class_for(asset: Asset, tier: str, name: str | None, options: Mapping[str, Any]) -> Factory:
-    """Return the class that draws an asset on a renderer tier: the built-in class, or the class of the
+    """Return the class that draws an asset on a renderer tier. It is the built-in class, or the class of the
     renderer `name`.
 
-    This function checks a tier and its options: the method must support the tier, the renderer must draw
-    it, and the class must accept the options.
+    Check a tier and its options. The method must support the tier, the renderer must draw it, and the class
+    must accept the options.
     """
     check_supported(asset, tier)
     make = find_renderer(name or tier)
@@ -241,7 +241,8 @@ _ELSEWHERE = {
 def minimal_options(tier: str, renderer: str | None, *, ids: bool = False) -> dict[str, Any]:
     """Return options that limit the built-in renderer of `tier` to the needed outputs.
 
-    Commands that write only colours need no normals and no median depths; `ids` adds the face ids.
+    A command that writes only colours needs no normals and no median depths. Pass `ids` to include the face
+    ids.
     """
     if tier != "dedicated" or renderer is not None:
         return {}

@@ -32,8 +32,8 @@ class DeviceScope:
 
     Notes
     -----
-    Queue commands only in a ``with`` block of `turn`, or in a method decorated with `in_turn`. Other
-    threads wait until the block ends, and memory allocated in the block belongs to this renderer.
+    Queue commands only in a ``with`` block of `turn`, or in a method decorated with `in_turn`. Other threads
+    wait until the block ends. Memory that is allocated in the block belongs to this renderer.
     """
 
     def __init__(self, device: str | Device | None, name: str) -> None:
@@ -44,8 +44,8 @@ class DeviceScope:
         self._closed = False
 
     def turn(self) -> AbstractContextManager[None]:
-        """Return a context manager with exclusive access to the device; a thread may nest such context
-        managers."""
+        """Return a context manager that gives exclusive access to the device. The context managers of one
+        thread may be nested."""
         if self._closed:
             raise DeviceError("DEVICE_CLOSED", f"the renderer was closed (on {self.device.record})")
         return self.device.using(self._memory)

@@ -20,7 +20,7 @@ from msb.scenes import Camera
 
 ImageFormat = Literal["png", "npy", "exr"]
 FILM_SUFFIXES = (".mp4", ".gif")
-# Maximum number of frames that wait for a file writer. Four frames hide the delays of a slow disk; more
+# Maximum number of frames that wait for a file writer. Four frames hide the delays of a slow disk. More
 # frames would take more memory.
 _QUEUE = 4
 
@@ -67,8 +67,8 @@ def _write_png(file: Any, array: NDArray[Any]) -> None:
 
     if array.ndim != 3:
         raise UsageError("USAGE", "a PNG stores colours only; write depth and face ids as npy or exr")
-    # Level 1 needs a third of the time of the default level, and files are a few percent larger. With level
-    # 1 the renderer does not wait for the file writers.
+    # Compression level 1 takes a third of the time of the default level, and makes files a few percent
+    # larger. At level 1, writing files does not delay the renderer.
     Image.fromarray(to_bytes(array)).save(file, format="PNG", compress_level=1)
 
 
@@ -90,7 +90,7 @@ def _encode_exr(array: NDArray[Any]) -> bytes:
         try:
             with OpenEXR.File(header, channels) as file:
                 file.write(name)
-        except RuntimeError as error:  # the library raises only this error, even for a full disk
+        except RuntimeError as error:  # OpenEXR raises no other error, even for a full disk
             raise OSError(str(error)) from error
         return Path(name).read_bytes()
 
@@ -198,8 +198,8 @@ def _write_gif(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:
 def image_names(views: Sequence[Camera]) -> list[str]:
     """Return a unique file name for each view, normally the name of its camera.
 
-    The suffix of a name is removed unless two names would then be equal. If names are still equal, the
-    index of the view is added to each name.
+    The suffix of a name is removed unless two names would then be equal. If two names are still equal, each
+    name gets the index of its view.
     """
     whole = [view.name or f"{index:05d}" for index, view in enumerate(views)]
     short = [_without_suffix(name) for name in whole]

@@ -170,8 +170,8 @@ class SceneOptions:
     dataset: Annotated[
         str | None,
         Option(
-            "mipnerf360, tanksandtemples, nerf_synthetic, dtu, or another name for a capture without rules "
-            "of a dataset. Default: recognised by folders and photographs.",
+            "mipnerf360, tanksandtemples, nerf_synthetic, dtu, or another name for other captures. "
+            "Default: recognised by folders and photographs.",
             metavar="NAME",
         ),
     ] = None
@@ -200,7 +200,7 @@ class SceneOptions:
         return {key: value for key, value in vars(self).items() if value is not None}
 
     def read(self, asset: Asset, path: Path, note: Callable[[str], None]) -> Scene:
-        """Return a scene as `msb run` evaluates the asset on it; call `note` with each warning of the
+        """Return a scene with the settings of `msb run` for the asset. Call `note` with each warning of the
         scene."""
         from msb.scenes.datasets import note_scaled_cameras, scene_of
 
@@ -263,18 +263,18 @@ class RendererOptions:
 
     @property
     def modes(self) -> dict[str, str]:
-        """The modes that the user gave.
+        """The values of --order and --sampling that differ from the defaults.
 
-        Default modes are left out, because some renderers reject every mode option.
+        Default values are omitted, because some renderers have no such options.
         """
         modes = {"order": self.order, "sampling": self.sampling}
         return {name: value for name, value in modes.items() if value is not None}
 
 
 def parse_color_option(text: str, official: str | None = None) -> tuple[float, float, float]:
-    """Return the colour of --background; the text "official" stands for the colour `official`.
+    """Return the colour of --background. For the text "official", return the colour `official`.
 
-    If `official` is a text instead of a colour, it says why the asset has no official background.
+    If `official` is not a colour, it is the reason why the asset has no official background.
     """
     from msb.scenes.colors import parse_color
 

@@ -117,8 +117,8 @@ class Renderer:
         background : (3,) array_like of float, or str, optional
             Red, green and blue in the asset's colour space, all finite. A text has the form of the command
             line: "black", "white", "#rrggbb", "r,g,b" in 0..1, or "official", the background that the asset
-            records. The default background is "official". If the asset records no background, it is the
-            background of its method, which is black for meshes.
+            records. The default background is "official". The method's background is used if the asset
+            records none; meshes have a black background.
 
         Raises
         ------
@@ -132,7 +132,7 @@ class Renderer:
         with attribute_errors(self._by):
             frame = self._backend.render(*checked)
             if not isinstance(frame, Frame):
-                # Renderers that do not import this package return an object with equal attributes.
+                # A renderer that does not import msb may return any object with the attributes of `Frame`.
                 names = (item.name for item in fields(Frame))
                 frame = Frame(**{name: getattr(frame, name) for name in names if hasattr(frame, name)})
             return camera.in_world(frame)
@@ -140,7 +140,8 @@ class Renderer:
     def draw(self, camera: Camera, background: Background | None = None) -> DrawTime:
         """Render without reading the frame back, wait until it is complete, and return the duration.
 
-        A renderer that cannot do this reads the frame back. Parameters and errors are those of `render`.
+        If the renderer has no method `draw`, the frame is read back and discarded. Parameters and errors are
+        those of `render`.
         """
         if not hasattr(self._backend, "draw"):
             stages = self.render(camera, background).timings

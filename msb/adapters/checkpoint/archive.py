@@ -1,11 +1,11 @@
 """Read the archives that `torch.save` writes since torch 1.6.
 
-All members of the archive are in one folder, which has the name of the file or ``archive``. The needed
-members are ``data.pkl``, ``data/0``, ``data/1`` ... (one per storage), ``version`` and, in newer files,
-``byteorder``. The other members (``.format_version``, ``.storage_alignment``, ``.data/serialization_id``)
-are not needed. As in a packed `.triasset`, padding in the extra field of local headers aligns the data to
-64 bytes. Unlike in a `.triasset`, sizes and checksum also follow the data (bit 3 of the flags), and a ZIP64
-end record always exists.
+All members of the archive are in one folder, which has the name of the file or ``archive``. The reader needs
+the members ``data.pkl``, ``version`` and one member ``data/N`` per storage. In newer files it also needs
+``byteorder``. The reader ignores other members (``.format_version``, ``.storage_alignment``,
+``.data/serialization_id``). As in a packed `.triasset`, padding in the extra field of local headers aligns
+the data to 64 bytes. Unlike in a `.triasset`, a ZIP64 end record always exists, and a copy of sizes and
+checksum follows the data (bit 3 of the flags).
 
 Sources: pytorch/pytorch `torch/serialization.py`, `caffe2/serialize/versions.h`,
 `caffe2/serialize/inline_container.cc`.
@@ -94,7 +94,8 @@ def read_archive(view: memoryview) -> Any:
 
 
 def _root(members: dict[str, Member]) -> str:
-    """Return the folder of data.pkl, with a slash at the end. The archive must have a single such folder."""
+    """Return the folder of data.pkl, with a slash at the end. The archive must have exactly one such
+    folder."""
     roots = [name[: -len(_PICKLE)] for name in members if name == _PICKLE or name.endswith("/" + _PICKLE)]
     for name in filter(_is_script, members):
         _refuse_script(name)
@@ -118,7 +119,7 @@ def _program(view: memoryview, member: Member) -> bytes:
     program = bytes(view[member.offset : member.offset + member.size])
     # torch can omit checksums. If torch omits checksums, it writes 0.
     if member.crc and zlib.crc32(program) != member.crc:
-        text = f"data.pkl has CRC-32 {zlib.crc32(program):08x}, but {member.crc:08x} in the archive"
+        text = f"data.pkl has CRC-32 {zlib.crc32(program):08x}, but the archive states {member.crc:08x}"
         raise Refusal("CHECKPOINT_DAMAGED", text, at=f"byte {member.offset}")
     return program
 

@@ -1,7 +1,7 @@
 """The names that the pickle of a checkpoint may use, and the meanings of these names.
 
-A name in a checkpoint's pickle selects a function of this module. Names are never looked up in other
-modules, so a file cannot reach other code. A name outside the list is rejected before any call.
+A name in a checkpoint's pickle selects a function of this module. No other module is searched, so a file
+cannot reach other code. Unknown names are rejected before any call.
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ MAX_ENCODED = 64
 class Function:
     """A name in the pickle that refers to a function.
 
-    `apply` gets the storages of the file and the arguments.
+    `apply` is called with the storages of the file and the arguments from the pickle.
     """
 
     name: str
@@ -39,8 +39,9 @@ class ScalarType:
     def accepts_state(self, state: Any) -> bool:
         """Return whether `state` is the state that NumPy saves for a little-endian number type without
         fields."""
-        # The state has the version, the byte order, then empty values for fields, sizes and flags (numpy:
-        # `dtype.__reduce__`). Check the types first, because comparing arrays from the file is not safe.
+        # The state has the version and the byte order. Empty values for fields, sizes and flags follow
+        # (numpy: `dtype.__reduce__`). Check the types first, because comparing arrays from the file is not
+        # safe.
         if type(state) is not tuple or any(type(item) not in (int, str, type(None)) for item in state):
             return False
         return state in ((3, "<", None, None, None, -1, -1, 0), (3, "|", None, None, None, -1, -1, 0))
@@ -53,7 +54,7 @@ _SCALAR_TYPES = {
 
 
 def _ordered_dict(_: Storages, arguments: tuple[Any, ...]) -> dict[Any, Any]:
-    if arguments:  # Python 2 passed the items; Python 3 adds items one by one
+    if arguments:  # only Python 2 passes the items as arguments
         raise Refusal(
             "CHECKPOINT_HOSTILE", "an OrderedDict has arguments; only an empty OrderedDict is supported"
         )
@@ -118,8 +119,8 @@ def _storage_types() -> dict[tuple[str, str], StorageType]:
     return {("torch", kind.name): kind for kind in types}
 
 
-# The meaning of each name. Keys are pairs (module, name). Joined with a dot, two different (module, name)
-# pairs could give equal text.
+# The meaning of each name in the pickle. A key is a pair (module, name), because two pairs joined by a dot
+# could give equal text.
 NAMES: dict[tuple[str, str], Function | StorageType] = {
     **_storage_types(),
     ("torch.storage", "UntypedStorage"): StorageType("UntypedStorage", None),
@@ -132,7 +133,7 @@ NAMES: dict[tuple[str, str], Function | StorageType] = {
     ("_codecs", "encode"): Function("encode", _encode),
 }
 
-# Kinds of tensors that are not supported, by their names in `torch._utils`. Error messages name the kind.
+# Unsupported kinds of tensors by their names in `torch._utils`, with texts for the error message.
 OTHER_TENSORS = {
     "_rebuild_tensor": "in the format before torch 0.4",
     "_rebuild_tensor_v3": "of a type with untyped storage (uint16, float8, ...)",

@@ -3,8 +3,8 @@
 A pickle is a program for a small stack machine. Python's own interpreter imports and calls everything that
 the program names, so it must never load an untrusted pickle. This interpreter has the 40 instructions that
 are needed for dicts, lists, tuples, text, numbers and tensors. Names select functions from the list in
-`names.py`. Any other instruction or name is an error. Sources for the meaning of instructions: the comments
-of python/cpython `Lib/pickletools.py`, and PEP 3154 for protocol 4.
+`names.py`. Unsupported instructions and names raise an error. Sources for the meaning of instructions: the
+comments of python/cpython `Lib/pickletools.py`, and PEP 3154 for protocol 4.
 """
 
 from __future__ import annotations
@@ -19,14 +19,15 @@ from msb.adapters.checkpoint.tensors import DeclaredStorages, Refusal, Unfinishe
 if TYPE_CHECKING:
     from msb.adapters.checkpoint.tensors import Storages
 
-# Maximum number of instructions. A few thousand instructions are usual. A list with the loss of each
-# training step adds 10,000. An instruction can need some hundred bytes (an empty dict, a tensor), so this
-# limit also bounds the memory to some hundred MiB.
+# Maximum number of instructions. A few thousand instructions are usual. A list with the losses of all
+# training steps adds 10,000 instructions. An instruction can need some hundred bytes, for example for an
+# empty dict. The limit therefore bounds the memory to some hundred MiB.
 MAX_OPCODES = 1_000_000
-# Maximum number of memo entries: half of MAX_OPCODES, because each entry needs two instructions, which
-# create and store its value.
+# Maximum number of memo entries. The maximum is half of MAX_OPCODES, because an entry takes two instructions:
+# one creates the value, one stores it.
 MAX_MEMO = 500_000
-# Maximum size of an integer in bytes. Sizes and seeds are shorter; the magic number of torch has 10 bytes.
+# Maximum size of an integer in bytes. The magic number of torch takes 10 bytes; sizes and seeds take fewer
+# bytes.
 MAX_INTEGER_BYTES = 16
 # Maximum length of a line of the instruction GLOBAL, in bytes.
 MAX_NAME = 200
@@ -47,10 +48,10 @@ class _Machine:
         self.protocol = 0
         self.frame_end: int | None = None
         self.stack: list[Any] = []
-        # For each open mark, the part of the stack below the mark.
+        # The part of the stack below each open mark.
         self.below: list[list[Any]] = []
         self.memo: dict[int, Any] = {}
-        # The dictionaries that were OrderedDicts in the file, by id. Only such dictionaries can have
+        # The dictionaries, by id, that the file declares as OrderedDict. Only OrderedDicts can have
         # attributes.
         self.ordered: dict[int, dict[Any, Any]] = {}
 
@@ -204,7 +205,7 @@ class _Machine:
             text = f"keys and values are added to a {type(target).__name__}, not to a dict, or are not pairs"
             raise Refusal("CHECKPOINT_HOSTILE", text)
         for key, value in zip(items[::2], items[1::2], strict=True):
-            # Keys must have types with a fast hash, because hashing a nested tuple can take 2^50 steps.
+            # Keys must have types with a fast hash. Hashing a nested tuple can take 2^50 steps.
             if type(key) is not str and not (type(key) is int and -(1 << 63) <= key < 1 << 63):
                 text = f"a key is a {type(key).__name__}; text and 64-bit integers are supported"
                 raise Refusal("CHECKPOINT_FORM", text)
@@ -237,7 +238,7 @@ class _Machine:
     def build(self) -> None:
         """Ignore the attributes of an OrderedDict (`_metadata`) and the default state of a NumPy type.
 
-        Any other attribute state is an error.
+        Reject other attribute states.
         """
         state, target = self.pop(), self.top()
         if id(target) in self.ordered:
@@ -323,7 +324,8 @@ def run_pickle(
     """Run the pickle at the beginning of `data`; return the pickle's value and end.
 
     Without `storages`, all tensors in the value are empty. `where` and `origin` are for error messages.
-    They are the name of the member, such as "data.pkl ", and the position of `data` in the file.
+    The texts give the name of the archive member, such as "data.pkl ", and the position of `data` in the
+    file.
     """
     machine = _Machine(data, DeclaredStorages() if storages is None else storages)
     try:

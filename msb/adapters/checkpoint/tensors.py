@@ -1,7 +1,7 @@
 """Storages and tensors of a checkpoint as read-only NumPy views of the mapped file.
 
-A tensor is a window of a storage (a flat array): an offset, and a size and a stride for each axis, in
-elements. The code checks these numbers with Python integers, which cannot overflow, before NumPy uses them.
+A tensor is a window of a storage (a flat array). The window has an offset, and a size and a stride for each
+axis, all in elements. Python integers check the window without overflow before NumPy uses the numbers.
 Sources for the format: pytorch/pytorch, `torch/_utils.py` (the arguments of a tensor) and
 `torch/serialization.py` (persistent ids).
 """
@@ -20,8 +20,8 @@ from msb.errors import shorten
 
 # Maximum number of axes, the limit of NumPy. Tensors of models have at most 4 axes.
 MAX_AXES = 32
-# Maximum number of elements of a tensor. An axis of length 0 counts as 1, because NumPy can overflow even
-# for an empty tensor.
+# Maximum number of elements of a tensor. NumPy can overflow even for an empty tensor, so an axis of length 0
+# counts as 1.
 MAX_ELEMENTS = 1 << 48
 
 _PLACEHOLDER = np.zeros(0, np.uint8)
@@ -136,7 +136,7 @@ class Storages:
         offset, length = self.places[key]
         wanted = count * kind.dtype.itemsize
         if length != wanted:
-            text = f"storage {key} has {length} bytes, but {_count(count)} x {kind.name} in the pickle"
+            text = f"storage {key} has {length} bytes, but the pickle declares {_count(count)} x {kind.name}"
             raise Refusal("CHECKPOINT_DAMAGED", text)
         if kind.dtype == np.bool_ and length and np.frombuffer(self.view, np.uint8, length, offset).max() > 1:
             raise Refusal("CHECKPOINT_DAMAGED", f"storage {key} has booleans other than 0 and 1")
@@ -157,7 +157,7 @@ class Storages:
 
 
 class DeclaredStorages(Storages):
-    """Storages whose positions are not known yet. This class collects storages, and all tensors are empty."""
+    """Collects the storages of a file before their positions are known. All tensors are empty."""
 
     def __init__(self) -> None:
         super().__init__(memoryview(b""), {})

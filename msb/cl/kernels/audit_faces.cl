@@ -3,13 +3,13 @@
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 
 #ifdef __clang__
-#define SQUARE_ROOT(x) __builtin_sqrt(x) // a single instruction here; PoCL would emit a function call
+#define SQUARE_ROOT(x) __builtin_sqrt(x) // compiles to one instruction; PoCL's function would be a call
 #else
 #define SQUARE_ROOT(x) sqrt(x)
 #endif
 
-// The area is half the norm of the cross product. Each operation must round as in NumPy, so multiplications
-// and additions are not fused.
+// The area is half the norm of the cross product.
+// Each operation must round as in NumPy, so multiplications and additions are not fused.
 double face_area(__global const COORDINATE *p, __global const COORDINATE *q, __global const COORDINATE *r)
 {
 #pragma OPENCL FP_CONTRACT OFF
@@ -19,17 +19,19 @@ double face_area(__global const COORDINATE *p, __global const COORDINATE *q, __g
     return 0.5 * SQUARE_ROOT(x * x + y * y + z * z);
 }
 
-// Meshes have few large components, and usually a single very large component. Each work-item counts in a
-// private table. Only when another component needs the slot of a count, the count is added to the shared
-// `sizes`.
+// Meshes have few large components, and usually a single very large component.
+// Each work-item counts in a private table.
+// When another component needs the same slot of the table, the old count is added to the shared `sizes`.
 #define TABLE 64
 
 #define SOON 12 // number of faces to prefetch ahead, so that their vertices and components are already cached
 
-// For each face, write the area (0 if not finite), the component in `parents` (its lowest face), and the
-// initial state for uniting boundary edges. All elements of `sizes` are initially zero. For each work-item,
-// `samples` gets the number of zero-area faces with distinct vertices, and the first such face. The same
-// two values follow for faces with non-finite area.
+// For each face, write the area (0 if not finite) and the component in `parents` (its lowest face).
+// Write the initial state for uniting boundary edges as well.
+// All elements of `sizes` are initially zero.
+// For each work-item, `samples` gets the number of zero-area faces with distinct vertices, and the first of
+// these faces.
+// The same two values follow for faces with non-finite area.
 __kernel void measure_faces(__global const COORDINATE *restrict points, __global const uint *restrict faces,
     __global double *restrict areas, __global uint *parents, __global uint *sizes, __global uint *restrict rims,
     __global uint *restrict samples, uint face_count, uint chunk)
@@ -82,9 +84,9 @@ __kernel void measure_faces(__global const COORDINATE *restrict points, __global
 }
 
 // Find the component with the most faces; a tie goes to the larger area, then to the lowest face number.
-// Return the size and area of this component, the number of single-face components, and the total area. One
-// work-item adds all areas in face order. Rounding is monotone, so the sum over some faces never exceeds
-// the sum over all faces.
+// Return the size and area of this component, the number of single-face components, and the total area.
+// One work-item adds all areas in face order.
+// Rounding is monotone, so the sum over some faces never exceeds the sum over all faces.
 __kernel void sum_largest(__global const double *restrict areas, __global const uint *restrict parents,
     __global const uint *restrict sizes, __global double *restrict sums, __global uint *restrict counts,
     __global double *restrict added, uint face_count)

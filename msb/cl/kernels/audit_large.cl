@@ -1,13 +1,14 @@
-// Visit a vertex with any number of faces. The neighbours of the vertex are sorted, so the faces at an edge
-// are consecutive. Radix sorts take the same time for any mesh.
+// Visit a vertex with any number of faces.
+// The neighbours of the vertex are sorted, so the faces at an edge are consecutive.
+// Radix sorts take the same time for any mesh.
 
 #define DIGIT 8
 #define BY_Z 1 // side (edge at the vertex) of a face: to neighbour y (0) or z (1)
 #define RIM_SIDE 0xffffffffu   // the other end of a boundary edge
 #define CROWD_SIDE 0xfffffffeu // the other end of an edge with more than two faces
 
-// Stable sort of `count` words by their upper halves, which are less than `end`. Return a pointer to the
-// sorted words, either `words` or `other`.
+// Stable sort of `count` words by their upper halves, which are less than `end`.
+// Return a pointer to the sorted words, either `words` or `other`.
 __global ulong *sort_upper(__global ulong *words, __global ulong *other, uint count, uint end)
 {
     uint places[1 << DIGIT];
@@ -33,8 +34,8 @@ __global ulong *sort_upper(__global ulong *words, __global ulong *other, uint co
 #define UPPER(word) ((uint)((word) >> 32))
 #define WORD(upper, lower) ((ulong)(upper) << 32 | (lower))
 
-// Count duplicate faces whose lowest vertex is v, including faces with a repeated vertex. Duplicates have
-// equal pairs of other vertices.
+// Count duplicate faces whose lowest vertex is v, including faces with a repeated vertex.
+// Two faces are duplicates if their two other vertices are the same.
 void count_duplicates(__global const Record *records, uint count, Visit *visit, uint v, uint vertices)
 {
     __global ulong *words = visit->scratch, *other = words + count;
@@ -65,8 +66,8 @@ void count_duplicates(__global const Record *records, uint count, Visit *visit, 
     }
 }
 
-// Return the group (fan of connected faces) of a corner at the vertex. The first word of a corner's record
-// changes from the vertex to the corner's parent.
+// Return the group (fan of connected faces) of a corner at the vertex.
+// The first word of a corner's record changes from the vertex to the corner's parent.
 uint find_group(__global Record *records, uint i)
 {
     while (records[i].x != i) {
@@ -102,14 +103,14 @@ void visit_large(__global Record *records, uint count, Visit *visit, uint v, uin
     __global Tally *t = visit->tally;
     __global ulong *words = visit->scratch, *other = words + 2 * (size_t)count;
     for (uint i = 0; i < count; i++) {
-        // Each side has one word: the neighbour in the upper half, the number of the side in the lower half.
+        // Each side is one word: the neighbour in the upper half, the number of the side in the lower half.
         words[2 * (size_t)i] = WORD(records[i].y, 2 * i);
         words[2 * (size_t)i + 1] = WORD(records[i].z, 2 * i + BY_Z);
         records[i].x = i;
     }
     words = sort_upper(words, other, 2 * count, vertices);
-    // This array holds the opposite side of each side; it lies in the half of the scratch memory without
-    // the words.
+    // For each side, this array holds the opposite side.
+    // The array uses the half of the scratch memory that the words leave free.
     __global uint *across = (__global uint *)(words == other ? visit->scratch : other);
     uint valence = 0, most = 0, groups = count;
     // Each run of equal neighbours is an edge with n faces.

@@ -1,17 +1,20 @@
-// Pairs of faces that the visit of a vertex found, and their union into components of a graph of faces.
+// Pairs of faces that were found at the vertices.
+// Uniting the pairs gives the connected components of all faces.
 
-// There are three kinds of pairs. First: the two faces of an edge. Second: the first face and each further
-// face of an edge with more than two faces. Third: two faces with boundary edges that follow each other
-// around a vertex.
+// There are three kinds of pairs.
+// The first kind is the two faces of an edge.
+// The second kind is the first face and each further face of an edge with more than two faces.
+// The third kind is two faces whose boundary edges follow each other around a vertex.
 #define TWO_FACE 0
 #define CROWDED 1
 #define RIM 2
 #define KINDS 3
 
-// All kinds share one array, in chunks of PAIRS pairs of one kind. The total number of pairs is at most the
-// number of half-edges, and a single kind may reach this number. `fills` holds the number and kind of pairs
-// of each chunk. A position is never the end of a chunk (see `make_room`), so the position determines the
-// chunk. Chunk 0 is unused.
+// All kinds share one array, in chunks of PAIRS pairs of one kind.
+// The total number of pairs is at most the number of half-edges, and a single kind may reach this number.
+// `fills` holds the number and kind of pairs of each chunk.
+// A position is never the end of a chunk (see `make_room`), so the position determines the chunk.
+// Chunk 0 is unused.
 void close_list(Visit *visit, int kind)
 {
     ulong at = visit->at[kind];
@@ -37,9 +40,9 @@ void add_pair(Visit *visit, int kind, uint first, uint second)
 
 // ---- union
 
-// Return the root of the tree of a face, which is the lowest face of the tree. The search halves the paths
-// to the root. Concurrent changes are safe, because a parent is only ever replaced by an ancestor, and only
-// roots are linked.
+// Return the root of the tree of a face, which is the lowest face of the tree.
+// The search halves the paths to the root.
+// Concurrent changes are safe, because only roots are linked, and a new parent is always an ancestor.
 uint find_root(__global volatile uint *parents, uint f)
 {
     for (;;) {
@@ -54,8 +57,9 @@ uint find_root(__global volatile uint *parents, uint f)
     }
 }
 
-// Join the trees of two faces; return whether they were different. The final trees do not depend on the
-// order of execution. The number of joins is the number of faces minus the number of sets.
+// Join the trees of two faces; return whether they were different.
+// The final trees do not depend on the order of execution.
+// The number of joins is the number of faces minus the number of sets.
 int unite(__global volatile uint *parents, uint first, uint second)
 {
     for (;;) {

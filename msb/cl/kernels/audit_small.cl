@@ -1,13 +1,13 @@
-// Visit a vertex with at most MOST faces; MOST is a multiple of 8, at most 32. All pairs of sides (edges at
-// the vertex) are compared, eight pairs at a time. The result is one word per side; its bits mark the faces
-// with the same neighbour vertex. The comparison takes quadratic time, but is faster than sorting, because
-// no branch is unpredictable.
+// Visit a vertex with at most MOST faces; MOST is a multiple of 8, at most 32.
+// All pairs of sides (edges at the vertex) are compared, eight pairs at a time.
+// The result is one word per side; its bits mark the faces with the same neighbour vertex.
+// The comparison takes quadratic time, but is faster than sorting, because no branch is unpredictable.
 
 typedef uint8 __attribute__((aligned(4))) loose_uint8;
 #define LANES(words) (*(loose_uint8 *)(words))
 
-// A face at the vertex has two sides, y and z. They are the edges from the vertex to the two other
-// vertices, in the order of the face.
+// A face at the vertex has two sides, y and z.
+// The sides are the edges from the vertex to the two other vertices, in the order of the face.
 typedef struct {
     uint neighbour[2 * MOST]; // ordered by side: first all y, then all z; unused lanes hold NOBODY
     uint sharing[2 * MOST];   // bits of the faces that have the same neighbour
@@ -28,12 +28,15 @@ uint sum_lanes(uint8 v)
 #define BIT(i) (1u << (i))
 #define REST(bits) ((bits) & ((bits) - 1)) // all set bits except the lowest
 
-// Sums over the sides of a vertex, separately for each lane. `counts` packs five numbers, with enough bits
-// for 64 sides. Two count the edges, and the edges to higher vertices. Among the edges to higher vertices,
-// three count boundary edges, two-face edges with flipped winding, and edges with more than two faces.
-// `rim` marks the sides that are boundary edges. `paired` marks the sides that share a higher neighbour
-// with an earlier side. `crowd` is non-zero at an edge with more than two faces. `twins` marks the faces
-// that share both neighbours with another face.
+// Sums over the sides of a vertex, separately for each lane.
+// `counts` packs five numbers, with enough bits for 64 sides.
+// Two of the numbers count all edges, and the edges to higher vertices.
+// The other numbers only count edges to higher vertices.
+// The edges are boundary edges, two-face edges with flipped winding, or edges with more than two faces.
+// `rim` marks the sides that are boundary edges.
+// `paired` marks the sides that share a higher neighbour with an earlier side.
+// `crowd` is non-zero at an edge with more than two faces.
+// `twins` marks the faces that share both neighbours with another face.
 typedef struct {
     uint8 counts, rim[2], paired[2], crowd, twins;
 } Sides;
@@ -83,8 +86,8 @@ void compare_sides(Star *s, Sides *sums, uint v)
     }
 }
 
-// List the edges of a kind from v to higher vertices; `number` edges of this kind are already listed. Each
-// listed edge requires a search, but only few vertices have listed edges.
+// List the edges of a kind from v to higher vertices; `number` edges of this kind are already listed.
+// Listing takes a search per edge, but few vertices have edges to list.
 void list_small(const Star *s, const Visit *visit, int kind, ulong number, uint v)
 {
     uint last = v;
@@ -107,9 +110,9 @@ void list_small(const Star *s, const Visit *visit, int kind, ulong number, uint 
     }
 }
 
-// Face i has a boundary edge here; follow its fan of faces to the fan's other end. Return the face at the
-// other end if its side is a boundary edge too, otherwise NOBODY. `rim_y` and `rim_z` mark the faces whose
-// side y or z is a boundary edge.
+// Face i has a boundary edge here; follow its fan of faces to the fan's other end.
+// Return the face at the other end if its side is also a boundary edge, otherwise NOBODY.
+// `rim_y` and `rim_z` mark the faces whose side y or z is a boundary edge.
 uint other_end(const Star *s, uint i, uint rim_y, uint rim_z)
 {
     uint through = s->sharing[rim_y & BIT(i) ? MOST + i : i];
@@ -157,8 +160,9 @@ uint most_sharing(const Star *s)
     return most;
 }
 
-// Pair the first face with each other face that shares a neighbour with it. To avoid a branch, the pair is
-// written to the lists of both kinds, and only the position in the correct list advances.
+// Pair the first face with each other face that shares a neighbour with it.
+// To avoid a branch, write the pair to the lists of both kinds.
+// Only the position in the correct list advances.
 void pair_faces(const Star *s, Visit *visit, uint paired_y, uint paired_z)
 {
     __global uint2 *pairs = visit->pairs;
@@ -176,8 +180,8 @@ void pair_faces(const Star *s, Visit *visit, uint paired_y, uint paired_z)
     visit->at[CROWDED] = crowd_at;
 }
 
-// Visit vertex v with its faces `s` (at least one). Return whether two of the faces share
-// both neighbours.
+// Visit vertex v with its faces `s` (at least one).
+// Return whether two of the faces share both neighbours.
 int visit_small(Star *s, Visit *visit, uint v)
 {
     __global Tally *t = visit->tally;

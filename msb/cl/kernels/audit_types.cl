@@ -1,9 +1,10 @@
 // Types that the audit kernels share: the record of a face corner, and the counts and lists of a work-item.
 
-// The record of a corner: its vertex, the two other vertices in the order of the face, and the face. Faces
-// with a repeated index take part only in the search for duplicates and for shared vertices. Such a face
-// has a record at each of its distinct vertices. At the lowest vertex of such a face, y and z are the other
-// two vertices in ascending order. At its other vertex, the record is marked COPY.
+// The record of a corner: its vertex, the two other vertices in the order of the face, and the face.
+// Faces with a repeated index take part only in the search for duplicates and for shared vertices.
+// A face with a repeated index has a record at each of its distinct vertices.
+// At the face's lowest vertex, y and z of the record are the other two vertices in ascending order.
+// At the face's other vertex, the record is marked COPY.
 typedef uint4 Record;
 #define IMPROPER 0x80000000u
 #define COPY 0x40000000u
@@ -21,9 +22,10 @@ typedef uint4 Record;
 #define LOWEST_BIT_OF_LONG(x) ((uint)(63 - clz((x) & -(x))))
 #endif
 
-// The host code msb/topology/kernel.py sets four sizes. For each kind, SAMPLES elements are listed. A table
-// counts vertices with fewer than VALENCES edges, and a list holds the valences of other vertices. MOST is
-// explained in audit_small.cl, and PAIRS in audit_pairs.cl.
+// The host code msb/topology/kernel.py sets four sizes.
+// SAMPLES is the number of listed elements of each kind.
+// A table counts vertices with fewer than VALENCES edges, and a list holds the valences of other vertices.
+// MOST is explained in audit_small.cl, and PAIRS in audit_pairs.cl.
 
 #define NONMANIFOLD_EDGES 0 // kinds of listed edges
 #define BOUNDARY_EDGES 1
@@ -33,8 +35,8 @@ typedef uint4 Record;
 #define EDGE_ENDPOINTS 2
 #define UNREFERENCED_VERTICES 3
 
-// An edge with its two vertices and its rank among the edges of its block, sorted by lower, then higher
-// vertex.
+// An edge with its two vertices, and its rank in its block.
+// Ranks are in the order of the lower, then the higher vertex.
 typedef struct {
     ulong block, rank, low, high;
 } EdgeSample;
@@ -86,7 +88,7 @@ void list_edge(__global Tally *t, int kind, ulong number, uint block, ulong rank
     }
 }
 
-// Duplicates are found in the order of vertices, not of faces, so this list keeps the lowest faces, sorted.
+// Duplicates are found in the order of vertices, so a sorted list keeps the lowest faces.
 void count_duplicate(__global Tally *t, uint f)
 {
     ulong n = t->duplicate_faces++;
@@ -106,8 +108,9 @@ void count_valence(Visit *visit, uint valence)
         visit->valences[atomic_inc(visit->next_valence)] = valence;
 }
 
-// Count vertex v by kind. The number `most` is the largest number of faces at an edge of v; `in_groups`
-// tells whether the faces of v form several groups.
+// Count vertex v by kind.
+// The number `most` is the largest number of faces at an edge of v.
+// `in_groups` tells whether the faces of v form several groups.
 void count_fans(Visit *visit, uint v, uint most, int in_groups)
 {
     __global Tally *t = visit->tally;

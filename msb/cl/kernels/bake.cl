@@ -1,6 +1,7 @@
-// Sums over images of the standard tier (opaque rendering) for a bake: the best colours of each face, and
-// the benefit of changes. Sums are equal in every run: the pixels of a face are added in their order, and
-// all other sums are integers.
+// Sums over images of the standard tier (opaque rendering) for a bake.
+// The sums give the best colours of each face, and the benefit of changes.
+// Sums are equal in every run.
+// The pixels of a face are added in their order, and all other sums are integers.
 #define LANES 1
 #include "zbuffer_math.cl"
 
@@ -24,15 +25,16 @@ __kernel void owners(__global const int *faces, __global uint *keys, uint none, 
         keys[i] = faces[i] < 0 ? none : (uint)faces[i];
 }
 
-// For each face, add the products of corner weights, and the weights times the colours of the training
-// image. With `moves`, also add the derivatives of the squared error with respect to x, y, z of each
-// corner. The border between two neighbouring pixels with different faces is an edge of the nearer face. If
-// this edge moves outward by a pixel, the outer pixel takes the colour of the nearer face. If this edge
-// moves inward by a pixel, the inner pixel takes the colour of the farther face. The derivative is the
-// average of both changes, times the weight of the corner at the border. All sums are multiplied by
-// `weight`, the weight of the image. The array `positions` holds three corners per face. Pixels are
-// `sorted` by face. The work-item of a face's first pixel adds all pixels of the face; other work-items do
-// nothing.
+// For each face, add the products of corner weights, and the weights times the colours of the training image.
+// With `moves`, also add the derivatives of the squared error with respect to x, y, z of each corner.
+// The border between two neighbouring pixels with different faces is an edge of the nearer face.
+// If this edge moves outward by a pixel, the outer pixel takes the colour of the nearer face.
+// If this edge moves inward by a pixel, the inner pixel takes the colour of the farther face.
+// The derivative is the average of both changes, times the weight of the corner at the border.
+// All sums are multiplied by `weight`, the weight of the image.
+// The array `positions` holds three corners per face.
+// Pixels are `sorted` by face.
+// The work-item of a face's first pixel adds all pixels of the face; other work-items do nothing.
 __kernel void sums(__global const float *positions, __constant float *view, __global const uint *sorted,
     __global const uint *pixels, __global const ushort *target, __global const float *image,
     __global const float *depth, __global const int *owners, int width, int height, __global float *sums,
@@ -66,7 +68,8 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
 
         if (!moves)
             continue;
-        // Change of the error if the border to one of the four neighbours moves by a pixel.
+        // Change of the error if the border to a neighbouring pixel moves by one pixel, for each of four
+        // neighbours.
         float z = depth[pixel], along[2] = {0.0f, 0.0f};
         for (int side = 0; side < 4; side++) {
             int is_down = side >> 1, step = side & 1 ? 1 : -1, there = (is_down ? y : x) + step;
@@ -129,8 +132,9 @@ __kernel void remember(__global const float *image, __global const int *faces, _
     old_errors[start + i] = error_of(image, target, i);
 }
 
-// Add the change of each pixel's error to the proposed change that involves its old or new face. If two
-// proposals are involved, each gets half.
+// Each proposed change involves some faces.
+// Add a pixel's change of the error to the proposal that involves the old or new face of the pixel.
+// If this applies to two proposals, each proposal gets half.
 __kernel void judge(__global const float *image, __global const int *faces, __global const ushort *target,
     __global const int *old_faces, __global const float *old_errors, __global const int *owner,
     __global whole *totals, float unit, uint start, uint row, uint count)

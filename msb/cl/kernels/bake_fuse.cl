@@ -1,17 +1,23 @@
-// Find solid grid cells by votes of the views. The vote of a view is the distance of a grid cell in front
-// of the visible surface; the votes of a cell are averaged.
+// Find solid grid cells by votes of the views.
+// The vote of a view is the distance of a grid cell in front of the visible surface.
+// The votes of a cell are averaged.
 
-// The values of a view are the rows of its pose (12), fx, fy, cx, cy, the width and height of its image,
-// and the unit of its depths. RECORD is the number of values of a view. UNKNOWN marks a grid cell without
-// votes. msb/bake/depth_fusion.py defines both constants.
+// A view has these values: the rows of its pose (12), fx, fy, cx, cy, the width and height of its image, and
+// the unit of its depths.
+// RECORD is the number of values of a view.
+// UNKNOWN marks a grid cell without votes.
+// msb/bake/depth_fusion.py defines both constants.
 
-// Add the votes of some views to every grid cell. Camera poses apply to positions in grid units; `grid`
-// holds the lowest corner of the grid and the size of a cell. A cell is hidden if it lies more than
-// `behind` behind the visible surface; distances in front of the surface are limited to `reach`. Depths
-// belong to pixel centres, and are interpolated only within one surface. A depth of 0 means background, so
-// everything in front of it is empty. In a contracted scene, cells beyond `edge` stay unknown. The array
-// `votes` has two numbers per cell: how many views see the cell, and from how many views the cell is
-// hidden.
+// Add the votes of some views to every grid cell.
+// Camera poses apply to positions in grid units.
+// `grid` holds the lowest corner of the grid and the size of a cell.
+// A cell is hidden if it lies behind the visible surface by more than `behind`.
+// Distances in front of the surface are limited to `reach`.
+// Depths belong to pixel centres, and are interpolated only within one surface.
+// A depth of 0 means background, so the whole ray is empty.
+// In a contracted scene, cells beyond `edge` stay unknown.
+// The array `votes` has two numbers per cell.
+// One number counts the views that see the cell; the other number counts the views that hide the cell.
 __kernel void vote(__constant float *cameras, int views, __constant float *grid, __global const float *depths,
     int stride, int nx, int ny, int nz, float edge, float reach, float behind, int contracted, __global float *sums,
     __global ushort *votes)
@@ -72,10 +78,11 @@ __kernel void vote(__constant float *cameras, int views, __constant float *grid,
     votes[2 * i + 1] = hidden;
 }
 
-// Replace the sum of votes by the average vote minus `thick`; the result is negative in solid cells. A
-// triangle soup has holes, through which views see inside. Therefore a cell is solid if few views see it:
-// less than `share` times the number of hiding views. From twice this number on, the votes count fully. A
-// cell outside all images has the value UNKNOWN.
+// Replace the sum of votes by the average vote minus `thick`; the result is negative in solid cells.
+// A triangle soup has holes, through which views see inside.
+// Therefore a cell is solid if few views see it: less than `share` times the number of hiding views.
+// If at least twice this number of views see the cell, the votes have their full weight.
+// A cell outside all images has the value UNKNOWN.
 __kernel void count_votes(__global float *sums, __global const ushort *votes, float share, float thick, uint count)
 {
     size_t i = get_global_id(0);

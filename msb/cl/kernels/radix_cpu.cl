@@ -1,11 +1,12 @@
-// One pass of a stable radix sort in CPU style. Each work-item processes a contiguous chunk with a private
-// histogram. The type KEY is uint or ulong. A pass sorts by the digit (key >> shift) & mask, where mask <
-// DIGITS.
+// One pass of a stable radix sort in CPU style.
+// Each work-item processes a contiguous chunk with a private histogram.
+// The type KEY is uint or ulong.
+// A pass sorts by the digit (key >> shift) & mask, where mask < DIGITS.
 
 #define DIGIT(key) ((uint)((key) >> shift) & mask)
 
-// The array `counts` is digit-major, so its exclusive prefix sum gives the write position of each digit of
-// each chunk.
+// The array `counts` is digit-major.
+// The exclusive prefix sum of `counts` gives the write position of each digit of each chunk.
 __kernel void count_digits(__global const KEY *keys, __global uint *counts, uint count, uint chunk,
                            uint chunks, uint shift, uint mask)
 {

@@ -1,8 +1,10 @@
-// One pass of a stable radix sort in GPU style. A work-group sorts a tile of GROUP * ITEMS keys by one
-// digit in local memory, ROUND bits at a time, then writes runs of equal digits. Counting, prefix sum and a
-// rank per work-item follow Satish, Harris and Garland, Designing efficient sorting algorithms for manycore
-// GPUs (2009). The type KEY is uint or ulong. A pass sorts by the digit (key >> shift) & mask, where mask <
-// DIGITS.
+// One pass of a stable radix sort in GPU style.
+// A work-group sorts a tile of GROUP * ITEMS keys by one digit in local memory, ROUND bits at a time.
+// The work-group then writes runs of equal digits.
+// Counting, prefix sum and rank follow Satish, Harris and Garland (2009).
+// Title: Designing efficient sorting algorithms for manycore GPUs.
+// The type KEY is uint or ulong.
+// A pass sorts by the digit (key >> shift) & mask, where mask < DIGITS.
 
 #define SUM uint
 #include "group_scan.cl"
@@ -13,8 +15,8 @@
 #define PARTS (1 << ROUND) // number of values that ROUND bits can take
 #define PART(key) (DIGIT(key) >> bit & (PARTS - 1))
 
-// The array `counts` is digit-major, so its exclusive prefix sum gives the write position of each digit of
-// each tile.
+// The array `counts` is digit-major.
+// The exclusive prefix sum of `counts` gives the write position of each digit of each tile.
 __kernel void count_digits(__global const KEY *keys, __global uint *counts, uint count, uint tiles,
                            uint shift, uint mask)
 {

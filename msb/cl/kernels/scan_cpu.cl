@@ -1,5 +1,7 @@
-// Exclusive prefix sum in CPU style. Each work-item processes a contiguous chunk, without local memory. The
-// type SUM is uint or ulong. Sums wrap modulo 2^32 or 2^64.
+// Exclusive prefix sum in CPU style.
+// Each work-item processes a contiguous chunk, without local memory.
+// The type SUM is uint or ulong.
+// Sums wrap modulo 2^32 or 2^64.
 
 __kernel void sum_chunks(__global const uint *values, __global SUM *starts, uint count, uint chunk)
 {

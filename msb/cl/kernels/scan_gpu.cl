@@ -1,6 +1,7 @@
-// Exclusive prefix sum in GPU style. Each of the GROUP work-items of a group takes ITEMS consecutive
-// elements. VALUE is uint, or equals SUM when the sums of a lower level are scanned. The type SUM is uint
-// or ulong.
+// Exclusive prefix sum in GPU style.
+// Each of the GROUP work-items of a group takes ITEMS consecutive elements.
+// VALUE is uint, or equals SUM when the sums of a lower level are scanned.
+// The type SUM is uint or ulong.
 
 #include "group_scan.cl"
 
@@ -20,9 +21,10 @@ __kernel void sum_tiles(__global const VALUE *values, __global SUM *sums, uint c
         sums[tile] = total;
 }
 
-// sums[tile] is the sum of a tile, or, if `scanned` is set, the sum of all preceding tiles. `offsets` may
-// share the memory of `values`. If there are few sums, each work-group adds the preceding sums, which saves
-// the launches of another scan.
+// sums[tile] is the sum of a tile.
+// If `scanned` is set, sums[tile] is the sum of all preceding tiles.
+// `offsets` may share the memory of `values`.
+// If there are few sums, each work-group adds the preceding sums, so no other scan is launched.
 __kernel void scan_tiles(__global const VALUE *values, __global const SUM *sums, __global SUM *offsets,
                          uint count, uint scanned)
 {

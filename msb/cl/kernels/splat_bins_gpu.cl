@@ -29,8 +29,8 @@ __kernel void emit_pairs(__global const uint *order, __global const Tiles *tiles
         }
 }
 
-// starts[t] is the position of the first pair of tile t or a later tile; starts[tile_count] is the number
-// of pairs.
+// starts[t] is the position of the first pair of tile t or a later tile.
+// The last entry, starts[tile_count], is the number of pairs.
 __kernel void find_starts(__global const uint *pair_tiles, __global ulong *starts, uint pairs,
                           uint tile_count)
 {

@@ -1,8 +1,11 @@
-// Front-to-back blending in CPU style. A work-item per tile blends eight samples of a row at a time, with
-// private state and without barriers. PoCL does not vectorise work-items with data-dependent control flow.
-// Explicit vectors are 4 to 6 times as fast. Four choices speed up inner loops. Loops without calls of
-// built-in functions are 1.4 times as fast. Two rows at a time give a factor of 1.3, prefetching of faces
-// 1.2, and one test instruction instead of any() 1.2.
+// Front-to-back blending in CPU style.
+// A work-item per tile blends eight samples of a row at a time, with private state and without barriers.
+// PoCL does not vectorise work-items with data-dependent control flow.
+// Explicit vectors are 4 to 6 times as fast as PoCL's scalar code.
+// Four choices speed up inner loops.
+// Loops without calls of built-in functions are 1.4 times as fast.
+// Two rows at a time give a factor of 1.3.
+// Prefetching faces gives 1.2, and one test instruction instead of any() also gives 1.2.
 
 #define HALVES 2 // a row of a tile is two vectors wide
 #define PAIRS 8  // rows are processed in pairs, so that two independent chains of operations overlap
@@ -19,9 +22,10 @@ typedef struct {
 #endif
 } State;
 
-// Returns whether a sample can still change. The transmittance of a stopped sample rejects all further
-// faces. If the face that crosses the threshold is rejected, it is negative; otherwise it is at most the
-// threshold.
+// Returns whether a sample can still change.
+// After the sample stops, its transmittance rejects all further faces.
+// A stopped sample has a negative transmittance if the face that crosses the threshold is rejected.
+// If that face is blended, the transmittance is at most the threshold.
 #if BLENDS_CROSSING
 #define RUNNING(t) ((t) > MIN_TRANSMITTANCE)
 #else
@@ -87,13 +91,13 @@ __kernel void BLEND(__constant View *view, __global const ulong *starts, __globa
     int left = column * TILE, top = (first_tile_row + band_row) * TILE;
 
 #if SHARES
-    // `blend` computes these values after its loop. In the loop they would occupy registers and cost a few
-    // percent.
+    // `blend` computes these values after its loop.
+    // In the loop they would occupy registers and cost a few percent.
     uint stride = view->columns * TILE;
     size_t plane = (size_t)stride * tile_rows * TILE;
 #endif
     State state[HALVES][TILE];
-    uint alive[HALVES]; // bit p: rows 2p and 2p + 1 of this half have a sample that has not stopped
+    uint alive[HALVES]; // bit p is set if rows 2p and 2p + 1 of this half have an open sample
     for (int h = 0; h < HALVES; h++) {
         real x = (float)(left + 8 * h) + LANE_INDEX;
         real start = x < (float)view->width ? (real)1.0f : (real)-1.0f;

@@ -1,9 +1,9 @@
-// Front-to-back blending in GPU style: a work-group of 16 x 16 per tile, one sample per work-item. Faces
-// are loaded into local memory in batches of BATCH faces. A work-group ends when all its samples have
-// stopped.
+// Front-to-back blending in GPU style: a work-group of 16 x 16 per tile, one sample per work-item.
+// Faces are loaded into local memory in batches of BATCH faces.
+// A work-group ends when all its samples have stopped.
 
 #if SHARES
-#define BATCH 16 // this many face weights at all samples fit into local memory
+#define BATCH 16 // number of faces whose weights at all samples fit into local memory
 #else
 #define BATCH 64
 #endif

@@ -1,9 +1,10 @@
-// Find faces that are certainly culled and invisible in a view, using their bounding spheres. This test
-// reads fewer bytes than projecting a face, and takes a tenth of the arithmetic. Margins for rounding
-// errors ensure that a face kept by the official tests is never dropped.
+// Find faces that are certainly culled and invisible in a view, using their bounding spheres.
+// This test reads fewer bytes than projecting a face, and takes a tenth of the arithmetic.
+// Margins for rounding errors ensure that every face that passes the official tests is kept.
 //
-// bounds: four rows of `stride` words: x, y and z of the centroid, then one word with the largest distance of a
-// corner from it and the inradius, both rounded up to the upper half of a float.
+// `bounds` has four rows of `stride` words: x, y and z of the centroid, and one word with two halves.
+// The halves are the largest distance of a corner from the centroid, and the inradius.
+// The two numbers are rounded up to the upper half of a float.
 
 #if LANES == 8
 #define HERE(p) (*(__global loose_float8 *)(p)) // values of consecutive faces
@@ -46,8 +47,8 @@ __kernel void bound_faces(__global const float *positions, __global const uint *
 }
 
 #if LANES == 8
-// Spheres around groups of FACE_GROUP consecutive faces, in the layout of `bounds`; their inradius is the
-// largest inradius of a face.
+// Spheres around groups of FACE_GROUP consecutive faces, in the layout of `bounds`.
+// The inradius of a group is the largest inradius of its faces.
 __kernel void bound_groups(__global const float *bounds, __global float *groups, uint stride,
                            uint group_stride, uint count)
 {
@@ -80,8 +81,9 @@ __kernel void bound_groups(__global const float *bounds, __global float *groups,
 }
 #endif
 
-// Returns which of LANES consecutive spheres, from `first` on, belong to faces or groups of faces that may
-// be kept. depth_growth is the number of radii by which a centroid may lie behind the centre of the sphere.
+// Returns which of LANES consecutive spheres, from `first` on, may be kept.
+// The spheres belong to faces or to groups of faces.
+// A centroid may lie up to `depth_growth` radii behind the centre of the sphere.
 // NaN is kept.
 mask may_be_kept(__constant View *view, __global const float *bounds, uint stride, size_t first,
                  float depth_growth)
@@ -103,8 +105,8 @@ mask may_be_kept(__constant View *view, __global const float *bounds, uint strid
     mask before = nearest > 0.1f * (magnitude(x) + magnitude(y) + 1.5f * radius);
     beside &= before;
 #if SMALL_IS_DROPPED
-    // The projection magnifies lengths, such as the inradius, by at most focal |p| / z^2. Faces with a
-    // projected inradius below 1 sample are dropped.
+    // The projection magnifies lengths, such as the inradius, by at most focal |p| / z^2.
+    // Faces with a projected inradius below 1 sample are dropped.
     real inradius = AS_REAL(radii << 16) + limits->rounding;
     real most = inradius * limits->focal * (length3((vec3){x, y, z}) + radius);
     beside |= before & (most < 0.99f * nearest * nearest);

@@ -1,8 +1,10 @@
-// Code shared by the splatting kernels of all methods: the view, vectors in the official order of
-// operations, and lanes. With lanes, the coverage of a method is written once for both styles of kernels.
+// Code shared by the splatting kernels of all methods.
+// The shared code has the view, vectors in the official order of operations, and lanes.
+// Code with lanes serves both kernel styles, so a method needs only one coverage function.
 //
-// Only MAD is fused, because depth keys, culling tests, tile rectangles and inside tests must round as in
-// the official kernels. By default the compiler decides, and devices differ.
+// Only the operation MAD is fused.
+// Depth keys, culling tests, tile rectangles and inside tests must round as in the official kernels.
+// By default the compiler decides about fusing, and devices differ.
 #pragma OPENCL FP_CONTRACT OFF
 
 #define MIN_ALPHA (1.0f / 255.0f)
@@ -13,7 +15,8 @@ typedef struct {
     float nearest;      // minimum depth of the centre of a sphere, moved away by depth_growth radii
     float depth_growth;
     float sides[4];     // x / z of the left and right edges of the raster, y / z of the upper and lower edges
-    float growth;       // a sphere is outside if its centre is this many radii outside an edge of the raster
+    // a sphere is outside if its centre lies more than this number of radii outside an edge of the raster
+    float growth;
     float rounding;     // rounding error of coordinates in camera space
     float focal;        // focal lengths in samples
 } Limits;
@@ -29,9 +32,12 @@ typedef struct {
     uint columns, rows;        // numbers of tiles
     uint degree;               // maximum degree of the evaluated spherical harmonics
     uint rest_stride;          // floats per row of f_rest: red, green, blue of coefficient 1, 2 and so on
-    // Three rules say which tiles list a face: the tiles that the face reaches (TILES_REACHED), its
-    // official tiles (TILES_OFFICIAL), or the official tiles that the face reaches (TILES_BOTH). The last
-    // two give the same image. msb/render/splat/pipeline.py defines these constants.
+    // Three rules say which tiles list a face.
+    // TILES_REACHED lists a face in all tiles that it reaches.
+    // TILES_OFFICIAL uses the official tiles of the face.
+    // TILES_BOTH uses the official tiles that the face reaches.
+    // TILES_OFFICIAL and TILES_BOTH give the same image.
+    // msb/render/splat/pipeline.py defines these constants.
     uint tile_rule;
     Limits limits;
 #ifdef OWN_MEMBERS
@@ -41,7 +47,8 @@ typedef struct {
 #endif
 } View;
 
-// The model. A triangle soup stores corners as rows of `positions` and does not use `indices`.
+// The model.
+// A triangle soup stores corners as rows of `positions` and does not use `indices`.
 typedef struct {
     __global const float *positions;
     __global const uint *indices;
@@ -66,8 +73,8 @@ typedef int8 mask;
 
 real MAD(real a, real b, real c);
 
-// Adding 1.5 * 2^23 leaves the rounded integer in the low bits. This avoids the conversion instruction,
-// which PoCL emits separately for each lane.
+// Adding 1.5 * 2^23 leaves the rounded integer in the low bits.
+// The addition avoids the conversion instruction, which PoCL emits separately for each lane.
 #define MAGIC 12582912.0f
 
 // 2^x for -126 <= x <= 127, by a minimax fit on [-0.5, 0.5]; the relative error is 2e-9 before rounding.
@@ -85,7 +92,8 @@ real exp2_fast(real x)
 }
 
 // log2(x) for positive normal x, by a minimax fit in odd powers of (m - 1) / (m + 1) with m in [sqrt 1/2,
-// sqrt 2). The relative error is 7e-10 before rounding.
+// sqrt 2).
+// The relative error is 7e-10 before rounding.
 real log2_fast(real x)
 {
     int8 bits = as_int8(x);
@@ -246,18 +254,19 @@ vec3 load3(__global const float *p, const size_t *rows)
     return (vec3){load(p, rows, 3, 0), load(p, rows, 3, 1), load(p, rows, 3, 2)};
 }
 
-// The fma() of PoCL is a function call, but a b + c compiles to an FMA instruction if the processor has
-// this instruction.
+// The fma() of PoCL is a function call.
+// But a b + c compiles to an FMA instruction if the processor has this instruction.
 #ifdef __FMA__
 #define exact_fma MAD
 #else
 #define exact_fma fma
 #endif
 
-// Computes ((ndc + 1) size - 1) / 2, which the official code evaluates in double and rounds once; pixel i
-// has its centre at the integer i. Here the result is the unevaluated sum of two floats: product and sum
-// with their rounding errors. This sum rounds to the same float (tests/render/test_splatting.py), also on
-// devices without double precision.
+// Computes ((ndc + 1) size - 1) / 2, which the official code evaluates in double and rounds once.
+// Pixel i has its centre at the integer i.
+// Here the result is the unevaluated sum of two floats: product and sum with their rounding errors.
+// This sum rounds to the same float, also on devices without double precision
+// (tests/render/test_splatting.py).
 real to_sample(real ndc, uint size)
 {
     real n = (real)(float)size, m = n - 1.0f;
@@ -281,7 +290,8 @@ mask integer_of(real whole) { return as_int8(whole + MAGIC) - 0x4b400000; }
 #define integer_of(x) ((int)(x))
 #endif
 
-// Converts like a GPU: towards zero, saturating, NaN gives 0. The result is at most `limit`.
+// Converts like a GPU: towards zero, saturating, NaN gives 0.
+// The result is at most `limit`.
 mask tile_number(real value, uint limit)
 {
     real clamped = value > 0.0f ? value : (real)0.0f;
@@ -303,7 +313,7 @@ Box box_of(vec2 low, vec2 high, __constant View *view)
 {
     real w = (real)((float)view->width - 1.0f), h = (real)((float)view->height - 1.0f), zero = (real)0.0f;
     Box box;
-    // A sample beyond the raster means "none".
+    // A bound beyond the raster makes the box empty.
     real x0 = low.x > 0.0f ? (low.x < w ? low.x : w + 1.0f) : zero;
     real y0 = low.y > 0.0f ? (low.y < h ? low.y : h + 1.0f) : zero;
     box.x0 = integer_of(floor_small(x0 + 0.999f));

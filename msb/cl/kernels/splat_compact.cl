@@ -1,13 +1,12 @@
 // From projected primitives to tile lists in depth order, for every method and both kernel styles.
 //
-// The primitives are sorted by depth before they are copied to tiles, because there are fewer primitives
-// than copies. Appending sorted primitives to tile lists equals the official stable sort of (tile << 32 |
-// depth) keys.
+// The primitives are sorted by depth before they are copied to tiles, because copying increases their number.
+// Appending sorted primitives to tile lists equals the official stable sort of (tile << 32 | depth) keys.
 
 typedef ushort4 Tiles; // x0, y0, x1, y1: low ends inclusive, high ends exclusive
 
-// Work-item c of `project` has listed primitives at the positions from c * chunk on; before[c] is the
-// number listed by preceding work-items.
+// Work-item c of `project` lists primitives at the positions from c * chunk on. before[c] is the number of
+// primitives listed by preceding work-items.
 __kernel void compact(__global const uint *before, __global const uint *keys, __global uint *keys_out,
                       __global uint *places_out, uint items, uint chunk)
 {

@@ -1,15 +1,16 @@
-// Sampling of triangles as in a game engine: the rasterisation of graphics hardware.
-// msb/reference/engine.py defines this sampling, explains why no polygon is clipped, and uses the same
-// order of operations.
+// Sampling of triangles as in a game engine, by the rasterisation rules of graphics hardware.
+// msb/reference/engine.py defines this sampling, and explains why no polygon is clipped.
+// The order of operations is the same here.
 //
-// The kernel file of a method includes this file if ENGINE is 1, after its struct Face, and calls
-// project_engine. The first member of Face is `float lines[LINES]`. This file has the sample functions
-// listed in splat_stages.cl, except cover and shade.
+// If ENGINE is 1, a method's kernel file includes this file after its struct Face, and calls project_engine.
+// The first member of Face is `float lines[LINES]`.
+// This file has the sample functions listed in splat_stages.cl, except cover and shade.
 
-// The array `lines` holds linear functions of a sample: the three barycentric coordinates over depth, times
-// `weight`, and then 1 / depth. The factor `weight` makes the smallest coordinate 1 in the middle. Each
-// linear function has factors for x and y and a constant. msb/render/splat/pipeline.py defines ENGINE_NEAR,
-// the depth of the near plane in scene units.
+// The array `lines` holds linear functions of a sample.
+// The functions are the three barycentric coordinates over depth, times `weight`, and then 1 / depth.
+// The factor `weight` makes the smallest coordinate 1 in the middle.
+// Each linear function has a factor for x, a factor for y, and a constant.
+// msb/render/splat/pipeline.py defines ENGINE_NEAR, the depth of the near plane in scene units.
 #define ENGINE_SLACK 0.1f // margin of a box in samples, for rounding errors
 
 // Step of the ray from one sample to the next, and the sample on the optical axis.
@@ -33,7 +34,7 @@ void set_line(Raster r, vec3 n, real scale, real *line)
     line[2] = ((n.z - p * r.middle_x) - q * r.middle_y) * scale;
 }
 
-// Extends the bounds, in samples, by a point of camera space at depth z, if the point is `seen`.
+// If `seen` is set, extends the bounds, in samples, by a camera-space point at depth z.
 void hold_point(Raster r, real x, real y, real z, mask seen, vec2 *low, vec2 *high)
 {
     real u = x / z / r.step_x + r.middle_x, v = y / z / r.step_y + r.middle_y;
@@ -43,7 +44,7 @@ void hold_point(Raster r, real x, real y, real z, mask seen, vec2 *low, vec2 *hi
     high->y = (seen & (v > high->y)) ? v : high->y;
 }
 
-// The samples of that part of a triangle that is behind the near plane.
+// The samples of the part of a triangle beyond the near plane.
 Box engine_box(__constant View *view, const vec3 *p)
 {
     Raster r = raster_of(view);
@@ -60,9 +61,11 @@ Box engine_box(__constant View *view, const vec3 *p)
     return box_of(sub2(low, slack), add2(high, slack), view);
 }
 
-// Sets lines, normal, depth, reach and tiles of a face. The window is 1 at the incentre of the triangle, or at its
-// centroid. Methods with an incentre turn the normal towards the camera. Returns which of the triangles may
-// be visible. `back` marks triangles whose corners are clockwise on the screen.
+// Sets lines, normal, depth, reach and tiles of a face.
+// The window is 1 at the incentre of the triangle, or at its centroid.
+// Methods with an incentre turn the normal towards the camera.
+// Returns which of the triangles may be visible.
+// `back` marks triangles whose corners are clockwise on the screen.
 mask project_engine(__constant View *view, vec3 a, vec3 b, vec3 c, bool incentre, Faces *f, Box *official,
                     real *depth, real *weight, mask *back)
 {
@@ -132,8 +135,8 @@ mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sa
 }
 
 #if LANES == 8
-// Returns which pairs of rows y, y + 1 (one pair per lane) contain samples in the eight columns from `left`
-// on. The innermost corner of those samples is tested, allowing for rounding.
+// Returns which row pairs y, y + 1 (one per lane) contain samples in the eight columns that begin at `left`.
+// The innermost corner of those samples is tested, allowing for rounding.
 mask reaches(FACE_POINTER f, float left, real y)
 {
     mask reached = (mask)-1;

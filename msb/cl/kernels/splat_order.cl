@@ -1,7 +1,8 @@
-// Sorts the faces of a model, or the vertices of a mesh, on the device: along a Z-order curve through
-// space. Faces of a triangle soup are first sorted by size, and along the curve among faces of about the
-// same size. Faces that a view keeps are then close in memory and on the screen. Fetched cache lines and
-// pages are used completely, and groups of faces are dropped together.
+// Sorts the faces of a model, or the vertices of a mesh, on the device: along a Z-order curve through space.
+// In a triangle soup, faces are first sorted by size.
+// Faces of about the same size are sorted along the curve.
+// Faces that are kept in a view are then close in memory and on the screen.
+// Fetched cache lines and pages are used completely, and groups of faces are dropped together.
 //
 // The curve is from G. M. Morton, A computer oriented geodetic data base (1966).
 
@@ -25,8 +26,8 @@ uint cell_of(float x, float low, float cells_per_unit)
     return cell > 0.0f ? (uint)(cell < CELLS - 1.0f ? cell : CELLS - 1.0f) : 0; // NaN: 0
 }
 
-// `bounds` comes from bound_faces (splat_bounds.cl); its last row is read only if `by_size` is set. low:
-// the lowest coordinates.
+// `bounds` comes from bound_faces (splat_bounds.cl); its last row is read only if `by_size` is set. low: the
+// lowest coordinates.
 __kernel void order_keys(__global const float *bounds, __global ulong *keys, uint stride, uint count,
                          float low_x, float low_y, float low_z, float cells_per_unit, uint by_size)
 {

@@ -1,7 +1,9 @@
-// Projection in CPU style. One work-item takes `chunk` consecutive faces in groups, and skips groups whose
-// sphere is out of view. Faces that may be kept are queued and projected eight at a time; most views keep
-// few faces. Listed faces are written consecutively from the first position of the chunk, and are coloured
-// there in groups of eight. Tile lists refer to a face by this position, not by its row or its number.
+// Projection in CPU style.
+// One work-item takes `chunk` consecutive faces in groups, and skips groups whose sphere is out of view.
+// Faces that may be kept are queued and projected eight at a time; most views keep few faces.
+// Listed faces are written consecutively from the first position of the chunk.
+// There, they are coloured in groups of eight.
+// Tile lists refer to a face by this position, not by its row or its number.
 
 #define QUEUE 64 // a power of two
 #define AHEAD 40 // faces to prefetch
@@ -68,7 +70,7 @@ void color_eight(__global Face *faces, size_t count, __global const uint *number
     }
 }
 
-// listed: number of listed faces of each work-item.
+// `listed` is the number of listed faces of each work-item.
 __kernel void project(__constant View *view, __global const float *groups, __global const float *bounds,
                       __global const uint *numbers, __global const float *positions,
                       __global const uint *indices, __global const float *coverage,

@@ -1,21 +1,20 @@
-// The opaque z-buffer on a CPU within a tile. Eight triangles at once are drawn into depths and slots
-// (triangle numbers).
+// The opaque z-buffer on a CPU within a tile.
+// Eight triangles at once are drawn into depths and slots (triangle numbers).
 
 #define TINY (7 * UNIT)     // maximum extent of a triangle for edge functions in int32
 #define MEDIUM SMALL_EXTENT // maximum extent of a triangle for edge functions divided by UNIT in int32
-#define COARSE_X 5         // blocks of 32 x 16 pixels store their farthest depth,
+#define COARSE_X 5         // log2 of the sides of the 32 x 16 pixel blocks that store their farthest depth
 #define COARSE_Y 4
 #define COARSE_ROW 8  // at most 8 x 8 blocks in a tile of 256 x 128
 #define WORK_BITS 5   // log2 of the pixels of a large triangle that cost as much as a small triangle
-#define MASKED (-1.0f) // a depth farther than everything
+#define MASKED (-1.0f) // a depth behind every surface
 
 typedef struct {
     __global float *depth; // 1 / z: a larger value is nearer, 0 means no surface
     __global int *slot;    // slot (number) of the nearest triangle
     __global float *far;   // the farthest depth in each block of pixels
     int occludes;          // whether any farthest depth is not 0
-    // approximate number of small triangles drawn since the last call of `measure`, and the limit before
-    // the next call
+    // approximate number of small triangles drawn since the last `measure`, and the limit for the next one
     int work, limit;
     int stride;
     int x0, y0, x1, y1;    // range of pixels of the image, ends excluded
@@ -27,7 +26,7 @@ typedef struct {
 
 int face_of(const Tile *t, int slot) { return INTEGERS(t->triangles)[(size_t)slot * WORDS + FACE_WORD]; }
 
-// Returns whether everything at this depth or farther is hidden in a box of image pixels, ends included.
+// Returns whether every surface at this depth or farther is hidden in a box of image pixels, ends included.
 int hidden(const Tile *t, int x0, int y0, int x1, int y1, float depth)
 {
     x0 = (x0 - t->x0) >> COARSE_X;
@@ -71,7 +70,7 @@ void measure(Tile *t)
         t->limit *= 2;
 }
 
-// At eight pixels of a row keep the nearer surface; return where depths are equal.
+// Keep the nearer surface at eight pixels of a row; return where depths are equal.
 int8 keep(const Tile *t, int at, float8 depth, int slot)
 {
     float8 old = LOAD(t->depth + at, 0);
@@ -88,8 +87,8 @@ void settle(const Tile *t, int at, float depth, int slot)
         t->slot[at] = slot;
 }
 
-// With an alpha cutoff, reject pixels whose texture alpha is below the cutoff, unless they are behind `old`
-// anyway.
+// With an alpha cutoff, reject pixels with a texture alpha below the cutoff.
+// Pixels behind `old` need no test.
 #if COLORS == TEXTURES && CUTOFF
 float8 cut(const Tile *t, int8 slot, int8 x, int8 y, float8 depth, float8 old, __constant float *view)
 {
@@ -116,8 +115,8 @@ void draw_outline(Tile *t, int slot, __constant float *view)
             continue;
         if (t->occludes && hidden(t, s.x0, s.y0, s.x1, s.y1, o.high))
             continue;
-        // An edge that has the whole box inside needs no division; an edge that has the whole box outside
-        // ends the triangle.
+        // If the whole box is inside an edge, no division is needed.
+        // If the whole box is outside an edge, the triangle covers no pixel.
         int cuts[3], outside = 0;
         for (int i = 0; i < 3; i++) {
             long down = s.dx[i] * (s.y1 - s.y0), right = -s.dy[i] * (s.x1 - s.x0);
@@ -160,15 +159,15 @@ void draw_outline(Tile *t, int slot, __constant float *view)
 
 // ---- eight triangles
 
-// Edge functions of eight triangles in 64 bits, divided by UNIT; the values fit into 32 bits up to the
-// extent MEDIUM.
+// Edge functions of eight triangles in 64 bits, divided by UNIT.
+// The values fit into 32 bits up to the extent MEDIUM.
 #define WIDE(a, b) (TO_LONG4(a) * TO_LONG4(b))
 int8 edge8(int8 dx, int8 dy, int8 to_x, int8 to_y)
 {
     int8 owns = (dy < 0) | ((dy == 0) & (dx > 0));
     long4 low = WIDE(dx.lo, to_y.lo) - WIDE(dy.lo, to_x.lo) + TO_LONG4(~owns.lo);
     long4 high = WIDE(dx.hi, to_y.hi) - WIDE(dy.hi, to_x.hi) + TO_LONG4(~owns.hi);
-    // A logical shift, which AVX2 has, suffices, because only the low half is kept.
+    // Only the low half is kept, so the logical shift of AVX2 suffices.
     return (int8)(TO_INT4(as_ulong4(low) >> SUBPIXEL_BITS), TO_INT4(as_ulong4(high) >> SUBPIXEL_BITS));
 }
 
@@ -199,8 +198,8 @@ void draw_block(Tile *t, int block, __constant float *view)
     int8 u_low = min8i(min8i(U0, U1), U2), u_high = max8i(max8i(U0, U1), U2);
     int8 v_low = min8i(min8i(V0, V1), V2), v_high = max8i(max8i(V0, V1), V2);
 
-    // Select pixels with their centre in the box of the triangle; most small triangles have no such pixel
-    // in this tile.
+    // Select pixels with their centre in the box of the triangle.
+    // Most small triangles have no such pixel in this tile.
     int8 x0 = max8i((u_low + (HALF - 1)) >> SUBPIXEL_BITS, (int8)t->x0);
     int8 y0 = max8i((v_low + (HALF - 1)) >> SUBPIXEL_BITS, (int8)t->y0);
     int8 w = min8i((u_high - HALF) >> SUBPIXEL_BITS, (int8)(t->x1 - 1)) - x0;
@@ -217,8 +216,8 @@ void draw_block(Tile *t, int block, __constant float *view)
     int8 medium = seen & ~odd & ~tiny & (extent < MEDIUM);
     int8 large = seen & ~tiny & ~medium;
 
-    // Edge functions are oriented so that the inside is positive. In 32 bits the sign of the area is
-    // correct only for tiny triangles.
+    // Edge functions are oriented so that the inside is positive.
+    // In 32 bits the sign of the area is correct only for tiny triangles.
     int8 dx0 = U1 - U0, dy0 = V1 - V0, dx2 = U0 - U2, dy2 = V0 - V2;
     int8 to_x = (x0 << SUBPIXEL_BITS) + HALF, to_y = (y0 << SUBPIXEL_BITS) + HALF;
     int8 covered = (int8)0; // bit 4 y + x stands for pixel (x, y) of the box
@@ -293,8 +292,8 @@ void draw_block(Tile *t, int block, __constant float *view)
         depth = mask ? depth : (float8)MASKED;
         int8 at = (base + y * t->stride + x) & mask;
         CUT(depth, slot + (int8)(0, 1, 2, 3, 4, 5, 6, 7), x0 + x, y0 + y, GATHER(float8, t->depth, at))
-        // This code has no branches, because it is unpredictable which triangle is nearer. Depths are
-        // non-negative, so comparing their bits as integers gives the same order.
+        // This code has no branches, because it is unpredictable which triangle is nearer.
+        // Depths are non-negative, so comparing their bits as integers gives the same order.
 #define KEEP(l)                                                                                                 \
     {                                                                                                           \
         int p = at.s##l, z = as_int(depth.s##l), old = ((__global int *)t->depth)[p], old_slot = t->slot[p];    \

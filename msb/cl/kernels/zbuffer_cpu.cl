@@ -1,9 +1,12 @@
-// The opaque z-buffer on a CPU. One work-item per processor takes tile after tile of the image, and draws
-// eight triangles or eight pixels at once. The only atomic is the tile counter. docs/standard.md has the
-// rules. Corners that faces share are transformed again for each face, because fetching nine transformed
-// numbers per face from scattered addresses takes longer. On one core of an EPYC (Zen 4) a triangle without
-// samples costs 11 ns, a triangle of half a pixel 17 ns, an empty pixel 2 ns, and a covered pixel 7 ns,
-// including colouring and reading back.
+// The opaque z-buffer on a CPU.
+// One work-item per processor draws one tile after another.
+// The work-item draws eight triangles or eight pixels at once.
+// The only atomic is the tile counter.
+// docs/standard.md has the rules.
+// Corners that faces share are transformed again for each face.
+// Fetching nine transformed numbers from scattered addresses would take longer.
+// Times on one core of an EPYC (Zen 4), including colouring and reading back: a triangle without samples
+// costs 11 ns, a triangle of half a pixel 17 ns, an empty pixel 2 ns, and a covered pixel 7 ns.
 //
 // The host code defines these sizes (msb/render/standard/renderer.py):
 //   CLUSTER   blocks of eight triangles that are culled together
@@ -27,9 +30,12 @@
 
 // ---- bounds of clusters of triangles
 
-// One work-item per group of clusters computes the pixels that each cluster and the group can reach, and 1
-// / z of its nearest point. `boxes` has centre and half extent, in six rows of `stride` values; `rects` has
-// x0, y0, x1, y1, ends included, in four rows. An empty rectangle reaches no pixel.
+// Each work-item handles a group of clusters.
+// The kernel computes the pixels that the group and each cluster can reach, and 1 / z of their nearest
+// points.
+// `boxes` has centre and half extent, in six rows of `stride` values.
+// `rects` has x0, y0, x1, y1, ends included, in four rows.
+// An empty rectangle reaches no pixel.
 __kernel void clusters(__global const float *boxes, __constant float *view, __global int *rects,
     __global float *nearest, __global int *group_rects, __global int *next_tile, int count, int stride, int width,
     int height)
@@ -103,8 +109,9 @@ typedef struct {
 #if COLORS == TEXTURES
 #define SIGHTS 32 // groups of eight pixels in a row of the widest tile
 
-// Find the texture positions of a row of pixels of a tile, and prefetch their texels. The steps are long
-// dependency chains. Each step is done for the whole row, so that the processor overlaps several chains.
+// Find the texture positions of a row of pixels of a tile, and prefetch their texels.
+// The steps are long dependency chains.
+// Each step is done for the whole row, so that the processor overlaps several chains.
 void look_ahead(const Tile *t, __constant float *view, int y, Place *places, Sight *sights)
 {
     const float8 lane = (float8)(0, 1, 2, 3, 4, 5, 6, 7);
@@ -265,8 +272,8 @@ void shade(const Tile *t, __constant float *view, __global const float *colors, 
 
 // ---- the image
 
-// Draw the clusters of `list` that reach the tile, from near to far. The array `list` has room for twice
-// its length.
+// Draw the clusters of `list` that reach the tile, from near to far.
+// The array `list` has room for twice its length.
 void draw_list(Tile *t, __global int *list, int n, __global const int *rects, __global const float *nearest,
     int stride, int blocks, __constant float *view)
 {
@@ -311,8 +318,9 @@ void draw_list(Tile *t, __global int *list, int n, __global const int *rects, __
     }
 }
 
-// The kernel has one work-item per processor. For each work-item, `scratch` holds the two planes of a tile,
-// its coarse depths and two lists, in `scratch_words` words.
+// The kernel has one work-item per processor.
+// For each work-item, `scratch` holds the two planes of a tile, its coarse depths and two lists.
+// The scratch memory of a work-item has `scratch_words` words.
 __kernel void tiles(__global const float *triangles, __global const float *colors, __constant float *view,
     __global const int *rects, __global const float *nearest, __global const int *group_rects, int count, int stride,
     int blocks, int width, int height, int tile_width, int tile_height, __global int *next_tile,

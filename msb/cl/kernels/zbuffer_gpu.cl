@@ -1,11 +1,14 @@
-// The opaque z-buffer on a GPU: first one work-item per triangle with atomics per pixel, then one work-item
-// per pixel. Triangles that would occupy a work-item for long are listed and drawn by whole work-groups.
+// The opaque z-buffer on a GPU.
+// First, one work-item per triangle uses atomics on pixels.
+// After that, one work-item shades each pixel.
+// Triangles that would occupy a work-item for long are listed and drawn by whole work-groups.
 // The arithmetic and the image are the same as on a CPU (zbuffer_math.cl).
 //
-// A pixel has 64 bits: 1 / z in the upper half, the complement of the slot in the lower half. The larger
-// value is nearer and, at equal depths, has the lower slot. Here slots are in face order. Without 64-bit
-// atomics (KEYS 0) the triangles are drawn twice: first the depths, then the slots of triangles with the
-// depth of the pixel.
+// A pixel has 64 bits: 1 / z in the upper half, the complement of the slot in the lower half.
+// The larger value is nearer and, at equal depths, has the lower slot.
+// On a GPU, slots are in face order.
+// Without 64-bit atomics (KEYS 0) the triangles are drawn twice.
+// The first pass finds depths, and the second pass finds the slots of triangles at these depths.
 #define LANES 1
 #include "zbuffer_math.cl"
 #if COLORS == TEXTURES
@@ -52,7 +55,8 @@ void hit(const Target *t, int x, int y, float depth, uint slot, __constant float
 #if KEYS
     ulong key = (ulong)as_uint(depth) << 32 | ~slot;
     __global ulong *place = (__global ulong *)pixel;
-    // Keys only grow, so an earlier read suffices to reject a pixel. Most hidden pixels end here.
+    // Keys only grow, so an earlier read suffices to reject a pixel.
+    // Most hidden pixels end here.
     if (key > *(volatile __global ulong *)place && IS_THERE(t, x, y, slot, view))
         atom_max(place, key);
 #else
@@ -98,9 +102,10 @@ __kernel void clear(__global uint2 *pixels, __global int *listed, uint count)
         pixels[i] = (uint2)0;
 }
 
-// The kernel has one work-item per triangle. `list` gets the slots for `listed_triangles`: triangles for
-// one work-group from the start of the list, triangles for several work-groups from its end. `listed`
-// counts both kinds.
+// The kernel has one work-item per triangle.
+// `list` gets the slots for `listed_triangles`.
+// Triangles for one work-group start at the front, and triangles for several work-groups start at the end.
+// `listed` counts both kinds.
 __kernel void triangles(__global const float *records, __constant float *view, __global uint *pixels,
     __global uint *list, __global int *listed, uint slots, int width, int height, int pass DRAWN_TEXTURES)
 {
@@ -126,9 +131,10 @@ __kernel void triangles(__global const float *records, __constant float *view, _
     }
 }
 
-// Work-groups of 8 x 8 pixels share the listed triangles. If `many` is 0, each work-group takes whole
-// triangles. If `many` is 1, the groups along the second dimension share a triangle, and each group takes 8
-// rows in turn.
+// Work-groups of 8 x 8 pixels share the listed triangles.
+// If `many` is 0, each work-group takes whole triangles.
+// If `many` is 1, the groups along the second dimension share a triangle.
+// Each group takes 8 rows in turn.
 __kernel void listed_triangles(__global const float *records, __constant float *view, __global uint *pixels,
     __global const uint *list, __global const int *listed, uint slots, int width, int height, int pass,
     int many DRAWN_TEXTURES)

@@ -1,23 +1,26 @@
-// Code shared by the kernels of the opaque z-buffer, so that CPUs and GPUs draw the same image: the camera, records of
-// triangles, snapping, the depth of a plane, clipping, and interpolation of colours. docs/standard.md has the rules.
+// Code shared by the kernels of the opaque z-buffer, so that CPUs and GPUs draw the same image.
+// The code covers the camera, triangle records, snapping, the depth of a plane, clipping, and colour
+// interpolation.
+// docs/standard.md has the rules.
 //
-// In the additions below, at most one operand is a product, so all compilers that fuse multiplications and
-// additions fuse the same operations.
+// In the additions below, at most one operand is a product.
+// Therefore all compilers that fuse multiplications and additions fuse the same operations.
 
-// msb/render/standard/triangles.py defines SUBPIXEL_BITS, WORDS (floats per record) and the values of
-// COLORS. BYTES_OF_CORNERS and FLOATS_OF_FACE are stored in the record. FLOATS_OF_CORNERS, nine per face,
-// has a separate buffer. TEXTURES is explained in zbuffer_texture.cl; it includes CUTOFF if alpha decides
-// visibility.
+// msb/render/standard/triangles.py defines SUBPIXEL_BITS, WORDS (floats per record) and the values of COLORS.
+// Colours of the kinds BYTES_OF_CORNERS and FLOATS_OF_FACE are stored in the record.
+// FLOATS_OF_CORNERS has nine floats per face in a separate buffer.
+// TEXTURES is explained in zbuffer_texture.cl; it includes CUTOFF if alpha decides visibility.
 #define UNIT (1 << SUBPIXEL_BITS) // unit of screen coordinates, 1/4096 pixel
 #define HALF (UNIT / 2)
-#define SMALL_EXTENT (64 * UNIT) // up to this extent a CPU draws eight triangles at once,
-#define DEEP(low, high) ((high) > 1024.0f * (low)) // unless 1 / z varies more: float32 has seven digits
+#define SMALL_EXTENT (64 * UNIT) // maximum extent of triangles that a CPU draws eight at once
+#define DEEP(low, high) ((high) > 1024.0f * (low)) // whether 1 / z varies too much for float32
 #define NEAR 0.01f
 #define GUARD (1 << 29)           // in units; a triangle that extends further is clipped
 #define GUARD_PLANE 402653184.0f  // in units; the clipping planes, inside GUARD with room for rounding
 
-// Very distant geometry is computed in double precision if the device supports it. A million units away,
-// float32 resolves a corner only to 0.06, so nearby planes and edges would be arbitrary.
+// Very distant geometry is computed in double precision if the device supports it.
+// A million units away, float32 resolves a corner only to 0.06.
+// Nearby planes and edges would be arbitrary.
 #define FAR 1024.0f       // scene units from the camera, along any axis
 #define UNCERTAIN 1024.0f // maximum ratio between the terms of a determinant and its value, for float32
 #ifdef cl_khr_fp64
@@ -36,13 +39,13 @@ typedef float real;
 #define UV_WORD 9
 #define FACE_WORD 12
 #define LONG_WORD 13
-// Words that are not floats are accessed as integers. As floats they may be subnormal or NaN, and a device
-// need not preserve these values.
+// Words that are not floats are accessed as integers.
+// Read as floats, such words could be subnormal or NaN, and a device may change their values.
 #define INTEGERS(record) ((__global int *)(record))
 #define NO_FACE (-1)
 
-// The camera has the layout of VIEW in msb/render/standard/view.py. The rotation R of the camera has rows
-// r0, r1, r2.
+// The camera has the layout of VIEW in msb/render/standard/view.py.
+// The rotation R of the camera has rows r0, r1, r2.
 #define ROTATION 0   // 9: fx UNIT r0, fy UNIT r1, r2
 #define CENTER 9     // centre of the camera, rounded
 #define SHIFT 12     // rounding error of the centre, rotated and scaled by the rows above, with negative sign
@@ -77,8 +80,9 @@ typedef float real;
     REAL to##_last = az * bz;                                                                                   \
     REAL to = MAD(ax, bx, MAD(ay, by, to##_last));
 
-// Transform from world to camera: (fx UNIT x, fy UNIT y, z). The centre is subtracted first. Near the
-// camera these differences are nearly exact, at any distance from the origin.
+// Transform from world to camera: (fx UNIT x, fy UNIT y, z).
+// The centre is subtracted first.
+// Near the camera these differences are nearly exact, at any distance from the origin.
 #define TO_CAMERA(view, a, b, c, X, Y, Z)                                                                       \
     {                                                                                                           \
         a -= view[CENTER];                                                                                      \
@@ -89,10 +93,12 @@ typedef float real;
         Z = MAD(a, view[6], MAD(b, view[7], MAD(c, view[8], view[SHIFT + 2])));                                 \
     }
 
-// 1 / z is affine on the screen: with n the normal of the plane and d = n . corner, 1 / z = (n . (u, v, 1)) / d
-// for u, v in units from the principal point. A and B are the slopes of 1 / z per unit. The edge vectors
-// start at the corner with the least depth. Edge vectors from a corner a hundred times as far are nearly
-// parallel, and rounding would tilt their plane.
+// 1 / z is affine on the screen.
+// With the plane's normal n and d = n . corner, 1 / z is (n . (u, v, 1)) / d.
+// The coordinates u and v are in units from the principal point.
+// A and B are the slopes of 1 / z per unit.
+// The edge vectors start at the corner with the least depth.
+// Edge vectors from a corner far away are nearly parallel, and rounding would tilt their plane.
 #define NEARER(za, zb, a, b) (fabs(za) < fabs(zb) ? (a) : (b))
 #define DEPTH_PLANE(REAL, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, A, B, C)                                          \
     REAL A, B, C;                                                                                               \
@@ -131,8 +137,9 @@ void to_camera(__global const float *corner, __constant float *view, real *to)
     }
 }
 
-// Return the corner nearest to the camera, with the edge vectors to the next and the last corner. The edge
-// vectors of another corner may be nearly parallel. Differences of floats are exact in double precision.
+// Return the corner nearest to the camera, with the edge vectors to the next and the last corner.
+// The edge vectors of another corner may be nearly parallel.
+// Differences of floats are exact in double precision.
 int from_nearest(__global const float *record, __constant float *view, real *origin, real *next, real *last)
 {
     int nearest = 0;
@@ -157,7 +164,8 @@ int from_nearest(__global const float *record, __constant float *view, real *ori
     return nearest;
 }
 
-// A triangle that is not drawn in lanes, because it is large or must be clipped. Everything is scalar.
+// A triangle that is not drawn in lanes, because it is large or must be clipped.
+// Everything is scalar.
 typedef struct {
     int n, u[8], v[8];         // outline on the screen in units; empty if n < 3
     float a, b, reference;     // 1 / z = a (u - u_reference) + (b (v - v_reference) + reference) ...
@@ -191,10 +199,12 @@ int is_far(float x, float y, float z, __constant float *view)
     return LENGTH(z) > FAR || LENGTH(x) > FAR * view[SCALE] || LENGTH(y) > FAR * view[SCALE + 1];
 }
 
-// Clip to the near plane and to the guard band (Sutherland and Hodgman 1974). An intersection is computed
-// from the inner end of the edge to the outer end. Both faces of an edge get the same point, so there are
-// no cracks. If one end is far away, the intersection is computed in double precision; this decision
-// depends only on the two ends. `wide` holds the corners in double precision.
+// Clip to the near plane and to the guard band (Sutherland and Hodgman 1974).
+// An intersection is computed from the inner end of the edge to the outer end.
+// Both faces of an edge get the same point, so there are no cracks.
+// If one end is far away, the intersection is computed in double precision.
+// The choice of precision depends only on the two ends.
+// `wide` holds the corners in double precision.
 int clip(float *x, float *y, float *z, real (*wide)[3], __constant float *view)
 {
     int n = 3;
@@ -254,9 +264,9 @@ int clip(float *x, float *y, float *z, real (*wide)[3], __constant float *view)
     return n;
 }
 
-// Returns whether float32 is too inaccurate for the plane of a triangle with a corner `far` away; `plane`
-// then gets the plane in double precision. The plane is computed in world axes, in which differences of
-// corners are exact.
+// Returns whether float32 is too inaccurate for the plane of a triangle with a corner `far` away.
+// If so, `plane` gets the plane in double precision.
+// The plane is computed in world axes, in which differences of corners are exact.
 int is_wide(__global const float *record, float far, __constant float *view, real *plane)
 {
     real o[3], a[3], b[3], size = 0.0f;
@@ -343,10 +353,12 @@ Outline make_outline(__global const float *record, __constant float *view)
     return o;
 }
 
-// Edge functions of one triangle in exact integers, which are negative outside. On an edge the function is
-// 0, and the sample belongs to the triangle only if the edge is a left or top edge. Therefore exactly one
-// of two triangles that share an edge takes the sample. The values are divided by UNIT. Division keeps the
-// sign, because steps of a pixel are multiples of UNIT.
+// Edge functions of one triangle in exact integers, which are negative outside.
+// On an edge the function is 0.
+// The sample then belongs to the triangle only if the edge is a left or top edge.
+// Therefore exactly one of two triangles that share an edge takes the sample.
+// The values are divided by UNIT.
+// Division keeps the sign, because steps of a pixel are multiples of UNIT.
 typedef struct {
     long e[3];        // value at the centre of pixel (x, y)
     long dx[3], dy[3]; // e changes by -dy per pixel to the right, by +dx per pixel downwards
@@ -387,10 +399,10 @@ Edges make_edges(const Outline *o, int k, int left, int top, int right, int bott
 
 // ---- colours
 
-// Weights of the corners at the intersection of the ray with the plane of the triangle (Moeller and
-// Trumbore 1997). The stored corners are used, not the snapped ones. Snapping may put a sample outside, so
-// the weights are clamped to the triangle. A triangle seen edge-on has no weights, so its first corner gets
-// weight 1.
+// Weights of the corners where the ray meets the plane of the triangle (Moeller and Trumbore 1997).
+// The stored corners are used, not the snapped ones.
+// Snapping may put a sample outside, so the weights are clamped to the triangle.
+// A triangle seen edge-on has no weights, so its first corner gets weight 1.
 #define WEIGHTS(REAL, view, c0, c1, c2, c3, c4, c5, c6, c7, c8, px, py, w, u, v)                                \
     REAL w, u, v;                                                                                               \
     {                                                                                                           \
@@ -427,9 +439,10 @@ Edges make_edges(const Outline *o, int k, int left, int top, int right, int bott
         to = MAD(w, a, MAD(u, b, last));                                                                        \
     }
 
-// Computes the weights in double precision, from the corner nearest to the camera, for a long triangle that
-// float32 handles inaccurately. Such a triangle is nearly parallel to the ray, or two of its edges are
-// nearly parallel. Return whether the triangle requires double precision.
+// Computes the weights in double precision, from the corner nearest to the camera.
+// Double precision is used for long triangles that float32 handles inaccurately.
+// Such a triangle is nearly parallel to the ray, or two of its edges are nearly parallel.
+// Return whether the triangle requires double precision.
 int wide_weights(__global const float *record, __constant float *view, real px, real py, float *weights)
 {
     real o[3], a[3], b[3], away = 0.0f, size = 0.0f;

@@ -7,8 +7,8 @@
 #define TEXTURE_ARGUMENTS
 #endif
 
-// This file runs once per asset. These kernels make the triangle records of the z-buffer (zbuffer_math.cl),
-// and the boxes of clusters.
+// This file runs once per asset.
+// These kernels make the triangle records of the z-buffer (zbuffer_math.cl), and the boxes of clusters.
 
 // Spread the low ten bits of x, with two zero bits before each bit.
 uint spread(uint x)
@@ -19,8 +19,8 @@ uint spread(uint x)
     return (x | x << 2) & 0x09249249;
 }
 
-// Write the position of each centroid along the Morton curve through 1024^3 cells, with 30 bits. `origin`
-// and `scale` map positions to cells; points outside the grid are moved to border cells.
+// Write the position of each centroid along the Morton curve through 1024^3 cells, with 30 bits.
+// `origin` and `scale` map positions to cells; points outside the grid are moved to border cells.
 __kernel void place(__global const float *positions, __global const uint *indices, __global const uint *listed,
     int all, __global uint *keys, float4 origin, float scale, uint count)
 {
@@ -52,11 +52,13 @@ int before(const float *a, const float *b)
     return 0;
 }
 
-// Write the records. Corners are sorted by position. Faces in the same place then have bit-identical
-// depths, whichever corner comes first in the file. Slots from `count` on, up to a whole block, get
-// triangles of zero area. With textures, `colors` has the texture coordinates u, v of each corner. `tint`
-// holds linear light and alpha, and is read only if `is_tinted` is set. `face_textures` has the texture of
-// each face, and is read only if `several` is set.
+// Write the records.
+// Corners are sorted by position.
+// Faces in the same place then have bit-identical depths, for any order of the corners in the file.
+// Slots from `count` to the end of the block get triangles of zero area.
+// With textures, `colors` has the texture coordinates u, v of each corner.
+// `tint` holds linear light and alpha, and is read only if `is_tinted` is set.
+// `face_textures` has the texture of each face, and is read only if `several` is set.
 __kernel void records(__global const float *positions, __global const uint *indices, __global const uint *listed,
     int all, __global const uint *order, int ordered, COLOR_TYPE colors, int domain, __global float *triangles,
     __global float *corner_colors, uint count, uint slots TEXTURE_ARGUMENTS)
@@ -122,7 +124,8 @@ __kernel void records(__global const float *positions, __global const uint *indi
 #endif
 }
 
-// Copy the records. Faces that are not selected get zero area, so that they cover no pixels.
+// Copy the records.
+// Faces that are not selected get zero area, so that they cover no pixels.
 __kernel void copy_selected_records(__global const float *triangles, __global const uchar *selected, __global float *copies,
     uint slots)
 {
@@ -149,8 +152,8 @@ __kernel void bound(__global const float *triangles, __global float *boxes, int 
                 low = at < low ? at : low;
                 high = at > high ? at : high;
             }
-        // The numbers are halved first, because the sum of two large numbers may overflow. The extent grows
-        // by the rounding error of the centre.
+        // The numbers are halved first, because the sum of two large numbers may overflow.
+        // The extent grows by the rounding error of the centre.
         float center = 0.5f * low + 0.5f * high;
         float reach = high - center > center - low ? high - center : center - low;
         boxes[axis * stride + cluster] = center;

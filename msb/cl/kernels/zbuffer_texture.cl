@@ -1,16 +1,18 @@
-// Textures for the opaque z-buffer: the colour of a face at a sample, for eight samples at once (LANES 8)
-// or one. docs/standard.md has the rules; `sample` in msb/asset/texture.py is a readable version in NumPy.
+// Textures for the opaque z-buffer: the colour of a face at one sample or at eight samples (LANES 8).
+// docs/standard.md has the rules; `sample` in msb/asset/texture.py is a readable version in NumPy.
 //
-// A triangle record has u, v of its corners in UV_WORD and after FACE_WORD. `tints`, if used, holds linear
-// light and alpha of the corners of each slot, `numbers`, with several textures, the texture of each slot,
-// `texels` all levels of all textures with an extra column and row, as linear light and alpha with 16 bits
-// each. `rows` describes how to read:
+// A triangle record has u, v of its corners in UV_WORD and after FACE_WORD.
+// `tints`, if used, holds linear light and alpha of the corners of each slot.
+// With several textures, `numbers` holds the texture of each slot.
+// `texels` holds all levels of all textures, each with an extra column and row.
+// A texel is linear light and alpha, with 16 bits each.
+// The rows of the table `rows`:
 //   row 0       whether the nearest texel is used, whether smaller levels are used, wrap of u, wrap of v
 //   row 1       alpha cutoff as a float; whether there are tints; whether there are several textures
 //   row 2 + 5t  texture t: width, height, last level; the next four rows: first texels of levels 0 to 15
 
-// msb/render/standard/texels.py defines FIRST_ROW, TEXTURE_ROWS and the wraps CLAMPED and MIRRORED; any other
-// value repeats.
+// msb/render/standard/texels.py defines FIRST_ROW, TEXTURE_ROWS and the wrap modes CLAMPED and MIRRORED.
+// Other wrap modes mean repeat.
 #define TINT_WORDS 12
 // Inlining moves values that are constant along a row out of the loops.
 #if LANES == 8 && defined(__clang__)
@@ -33,7 +35,7 @@ typedef struct {
 #define CUTOFF_OF(t) as_float((t)->rows[4])
 #define IS_TINTED(t) ((t)->rows[5])
 #define ARE_SEVERAL(t) ((t)->rows[6])
-// Arguments of a kernel that draws, and the use of these arguments.
+// Texture arguments of a drawing kernel, and the struct that holds them.
 #define TEXTURE_ARGUMENTS                                                                                       \
     , __global const uint *numbers, __global const ushort4 *texels, __global const int *level_rows
 #define TEXTURES_OF(triangles, tints) {triangles, tints, numbers, texels, level_rows}
@@ -99,8 +101,8 @@ floats floor_of(floats x)
     return x < 8388608.0f ? (x > -8388608.0f ? whole : x) : x; // floats above this value are integers
 }
 
-// This is a polynomial in the mantissa minus 1, with the mantissa in [sqrt(1/2), sqrt(2)). The result is
-// accurate to 3e-6 for positive normal numbers.
+// This is a polynomial in the mantissa minus 1, with the mantissa in [sqrt(1/2), sqrt(2)).
+// The result is accurate to 3e-6 for positive normal numbers.
 floats log2_of(floats x)
 {
     ints bits = AS_INTS(x), exponent = (bits - 0x3f3504f3) >> 23;
@@ -111,8 +113,8 @@ floats log2_of(floats x)
     return MAD(t, low, FLOATS_OF(exponent));
 }
 
-// Linear light to sRGB (IEC 61966-2-1). Above the linear part, a polynomial in the fourth root is accurate
-// to 2e-6.
+// Linear light to sRGB (IEC 61966-2-1).
+// Above the linear part, a polynomial in the fourth root is accurate to 2e-6.
 floats encoded(floats x)
 {
     floats root = ROOT(ROOT(x));
@@ -155,16 +157,16 @@ Image image_of(const Textures *t, ints slot)
     return image;
 }
 
-// The texels read in a level: the upper left of four texels, and the offset of the lower two. Three shares
-// follow: of the upper two, of the lower two, and of the right texel in each pair.
+// The texels read in a level: the upper left of four texels, and the offset of the lower two.
+// Three weights follow: of the upper texels, of the lower texels, and of the right texel in each pair.
 typedef struct {
     ints at, below;
     floats upper, lower, right;
 } Taps;
 
-// The weighted texels of a level, times a share; u, v are already mapped into the texture. Each level has
-// an extra column and row with the texels that blend with its last ones, so the four texels are always
-// neighbours.
+// The weighted texels of a level, times a share; u, v are already mapped into the texture.
+// Each level has an extra column and row with the texels that blend with its last ones.
+// The four texels are therefore always neighbours.
 Taps taps_of(const Textures *t, const Image *image, ints level, floats u, floats v, floats share)
 {
     Taps taps;
@@ -184,7 +186,7 @@ Taps taps_of(const Textures *t, const Image *image, ints level, floats u, floats
     } else {
         floats x = MAD(u, FLOATS_OF(width), (floats)(-0.5f));
         floats y = MAD(v, FLOATS_OF(height), (floats)(-0.5f));
-        // Beyond an edge that does not repeat, the colour of the edge continues.
+        // Beyond the edge of a texture that does not repeat, the colour of the edge continues.
         if (t->rows[2] != 0)
             x = x > 0.0f ? x : (floats)0.0f;
         if (t->rows[3] != 0)
@@ -219,10 +221,11 @@ INLINED void add_taps(__global const ushort4 *texels, const Taps *taps, floats *
         light[k] += MAD(taps->right, COLUMN(seen, k + 4) - COLUMN(seen, k), COLUMN(seen, k));
 }
 
-// Weights of the second and third corner at a sample, and the steps of these weights to the next pixel
-// along x and y. The order is w[0], w[1], w[0] along x, w[1] along x, w[0] along y, w[1] along y. Computes
-// the weights as in WEIGHTS. The volumes are products of the ray with vectors that are constant for a face,
-// so their steps follow from the steps of the ray.
+// Weights of the second and third corner at a sample, and the steps of these weights per pixel along x and y.
+// The order is w[0], w[1], w[0] along x, w[1] along x, w[0] along y, w[1] along y.
+// Computes the weights as in WEIGHTS.
+// The volumes are products of the ray with constant vectors of the face.
+// The steps of the volumes follow from the steps of the ray.
 void weights_and_steps(const floats *c, __constant float *view, floats px, floats py, floats *w)
 {
     floats ax = c[3] - c[0], ay = c[4] - c[1], az = c[5] - c[2];
@@ -297,8 +300,8 @@ typedef struct {
     floats u, v, lod, w0, w1;
 } Place;
 
-// Find the texture position of the faces in `slot` at px, py relative to the principal point, clamped to
-// the faces.
+// Find the texture position of the faces in `slot` at px, py, clamped to the faces.
+// px and py are relative to the principal point.
 INLINED void look(const Textures *t, __constant float *view, ints slot, floats px, floats py, Place *place)
 {
     floats c[16], w[6];

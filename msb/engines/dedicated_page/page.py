@@ -44,9 +44,9 @@ STOPS = 8
 # The combinations of face order and sampling that a page offers.
 MODES: tuple[tuple[Order, Sampling], ...] = (
     *(("tile", "official"), ("global", "official"), ("none", "official")),
-    *(("tile", "engine"), ("none", "engine")),  # engine sampling has no tiles, so "global" equals "tile"
+    *(("tile", "engine"), ("none", "engine")),  # game engines have no tiles, so "global" is omitted
 )
-# NumPy kind of a member of the camera's uniform buffer -> WGSL type.
+# The WGSL type for each NumPy kind of a uniform buffer member.
 _TYPES = {"f": "f32", "i": "i32", "u": "u32"}
 # Maximum number of base64 letters in an HTML element.
 _LETTERS = 1 << 23
@@ -125,11 +125,11 @@ class _Arrays:
         return name
 
     def add_positions(self, asset: Asset, packed: Packed) -> None:
-        """Add the positions of the asset and the positions of the plan, which differ if triangles are shrunk.
+        """Add the positions of the asset and the positions of the plan. 2DTS plans have shrunk positions.
 
-        2DTS shrinks triangles about their centroids. Shrunk positions are not on the grid of rounded
-        positions and would need much space. If the page can compute exactly the same shrunk positions, only
-        the factor is stored.
+        2DTS shrinks triangles about their centroids. Shrunk positions compress badly, because they are not on
+        a regular grid. If the page can compute the shrunk positions exactly, only the shrink factor is
+        stored.
         """
         stored = np.asarray(asset.buffers["positions"], np.float32)
         plan_positions = packed.arrays["positions"]
@@ -223,7 +223,7 @@ def make_page(
         for buffer, array in plan.data.items():
             same = buffer in first.data and np.array_equal(array, first.data[buffer])
             names[buffer] = buffer if same else arrays.add(f"{buffer}, {order}, {sampling}", array)
-        # WGSL modules with equal text are stored once in the list `modules`; a plan refers to their numbers.
+        # The list `modules` stores equal WGSL texts once. A plan stores indices into this list.
         record = plan.record()
         modules += [text for text in record["modules"].values() if text not in modules]
         record["modules"] = {key: modules.index(text) for key, text in record["modules"].items()}
@@ -270,7 +270,7 @@ def make_page(
 def _make_plans(packed: Packed, limits: Limits, name: str) -> dict[tuple[Order, Sampling], Plan]:
     """Return a plan for each mode of `MODES`, the official mode first.
 
-    A model that is drawn with a z-buffer only has modes of order "tile", because the order does not change
+    A model with a z-buffer only has modes with the order "tile", because the drawing order does not change
     its images.
     """
     plans = {}
@@ -285,8 +285,9 @@ def _make_plans(packed: Packed, limits: Limits, name: str) -> dict[tuple[Order, 
 def _describe_record(packed: Packed) -> dict[str, Any]:
     """Return the layout of the uniform buffer for a camera. The page fills the uniform buffer for each frame.
 
-    `members` has the name, type, number of values and byte offset of each member; the members of the method
-    come last, and `own` holds their values. `near` and `far` are the planes of the official projection.
+    `members` describes each member of the buffer by name, type, number of values and byte offset. The members
+    of the method come last, and `own` has their values. `near` and `far` are the planes of the official
+    projection.
     """
     model = packed.model
     members: list[list[Any]] = []
@@ -313,8 +314,8 @@ def _live_settings(
 ) -> list[dict[str, Any]]:
     """Return the settings that the page can change, because they only affect the camera's uniform buffer.
 
-    Each setting has `name`, the current `value` and `options`. Each option of a setting is a possible value,
-    with the members of the buffer that the value sets.
+    Each setting has a `name`, the current `value` and a list `options`. Each option has a possible value and
+    the buffer members that change with this value.
     """
     live = []
     values = effective_settings(asset.manifest, settings)
@@ -350,9 +351,10 @@ def _differ_in_record_only(model: SplatModel | Surface, other: SplatModel | Surf
 
 
 def _orbit_sphere(asset: Asset) -> dict[str, Any]:
-    """Return the sphere that a free camera orbits, around the framed part or around most vertices.
+    """Return the sphere that the free camera orbits. The sphere encloses the framed part of the model, or
+    most of its vertices.
 
-    In captures, some faces are far away from most faces. A camera orbit around the whole bounding sphere
+    In captured scenes, a few faces are far away from all others. An orbit around the whole bounding sphere
     would be too far from the model.
     """
     whole = find_framing(asset)
@@ -366,14 +368,15 @@ def _orbit_sphere(asset: Asset) -> dict[str, Any]:
 
 
 def _required_limit(buffers: Iterable[tuple[int, tuple[str, ...]]], maximum: int, guaranteed: int) -> int:
-    """Return the device limit to request: the largest buffer, from `guaranteed` to `maximum`."""
+    """Return the device limit to request: the size of the largest buffer, clamped to the range `guaranteed`
+    to `maximum`."""
     return min(maximum, max(guaranteed, *(size for size, _ in buffers)))
 
 
 def _shrink_factor(stored: NDArray[np.float32], plan_positions: NDArray[np.float32]) -> float | None:
     """Return the float32 factor by which triangles were shrunk about their centroids, or None.
 
-    Both arrays (3F, 3) have the three corners of each triangle in consecutive rows.
+    Both arrays are (3F, 3), with three consecutive rows per triangle.
     """
     triangles, shrunk = stored.reshape(-1, 3, 3), plan_positions.reshape(-1, 3, 3)
     center = ((triangles[:, 0] + triangles[:, 1] + triangles[:, 2]) / np.float32(3))[:, None]
@@ -381,11 +384,11 @@ def _shrink_factor(stored: NDArray[np.float32], plan_positions: NDArray[np.float
     largest = np.unravel_index(np.abs(arms).argmax(), arms.shape)
     if arms[largest] == 0:
         return None
-    # Estimate the factor from the longest vector to a corner, then try neighbouring float32 values, nearest
-    # first.
+    # Estimate the factor from the longest vector to a corner. Try the float32 values around the estimate,
+    # nearest first.
     guess = np.float32((shrunk - center)[largest] / arms[largest])
     near = guess + np.arange(-64, 65) * np.spacing(guess)
-    sample = slice(0, 64)  # test these triangles before all others
+    sample = slice(0, 64)  # testing a few triangles first is faster
     for factor in sorted(near.astype(np.float32), key=lambda value: abs(float(value) - float(guess))):
         if np.array_equal(arms[sample] * factor + center[sample], shrunk[sample]) and np.array_equal(
             arms * factor + center, shrunk

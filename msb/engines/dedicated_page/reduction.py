@@ -1,8 +1,8 @@
 """Reduces assets for pages: rounds values, and keeps only the faces that contribute most.
 
 A reduced asset is still an asset of its method, so any renderer can measure the loss of quality. `storage`
-stores the rounded values exactly in little space: positions lie on a grid, and other buffers have at most 256
-values per column.
+compresses the rounded values well, because positions lie on a grid and other columns have at most 256
+distinct values.
 """
 
 from collections.abc import Mapping
@@ -26,15 +26,15 @@ _ROUNDED = ("f_dc", "f_rest", "opacity", "sigma")
 _BYTES = ("features.lattice", "features.opacity")
 # Number of histogram bins for choosing the 256 values.
 _BINS = 4096
-# A column is only tested for at most 256 distinct values if it has at most this number of rows.
+# Columns with more rows than this are rounded without counting their distinct values.
 _FEW = 4 * LEVELS
 
 
 def quantise(asset: Asset) -> Asset:
     """Return `asset` with positions rounded to 16 bits per chunk of neighbours, and other values to 8 bits.
 
-    Faces and vertices are reordered along a space-filling curve, so that neighbours share a chunk. Faces at
-    exactly equal depths may therefore be blended in a different order.
+    Faces and vertices are reordered along a space-filling curve, so that neighbours share a chunk. Reordering
+    may change the blending order of faces at exactly equal depths.
     """
     buffers = dict(asset.buffers)
     _reorder_along_curve(asset, buffers)
@@ -59,9 +59,8 @@ def quantise(asset: Asset) -> Asset:
 def _round_to_levels(values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return values (N,) rounded to 256 levels.
 
-    The density of the levels is the cube root of the density of the values. This density of the levels
-    minimises the squared error (Panter and Dite, 1951). The minimum and the maximum of the values do not
-    change.
+    The density of the levels is the cube root of the density of the values. The cube root minimises the
+    squared error (Panter and Dite, 1951). The minimum and the maximum of the values do not change.
     """
     finite = values[np.isfinite(values)]
     if not len(finite):
@@ -69,7 +68,7 @@ def _round_to_levels(values: NDArray[np.float32]) -> NDArray[np.float32]:
     low, high = float(finite.min()), float(finite.max())
     if (len(values) <= _FEW or low == high) and len(np.unique(values)) <= LEVELS:
         return values
-    # Compute the integral of the cube root of the histogram. The levels are equally spaced in this integral.
+    # Space the levels equally in the integral of the cube root of the histogram.
     edges = np.linspace(low, high, _BINS + 1)
     count = np.histogram(finite, edges)[0].astype(np.float64)
     integral = np.concatenate([[0], np.cumsum(np.cbrt(count))])
@@ -107,8 +106,8 @@ def _reorder_along_curve(asset: Asset, buffers: dict[str, NDArray[Any]]) -> None
 def _morton_keys(points: NDArray[np.float32]) -> NDArray[np.uint64]:
     """Return the positions (N,) of points (N, 3) along a Morton curve, with 16 bits per axis.
 
-    The curve fills a box from the 1st to the 99th percentile of each coordinate. So a few distant faces do
-    not reduce the resolution of the Morton curve.
+    The curve fills a box from the 1st to the 99th percentile of each coordinate. A few distant faces cannot
+    reduce the resolution of the curve.
     """
     low, high = np.quantile(points, [0.01, 0.99], axis=0)
     share = np.clip((points - low) / np.maximum(high - low, 1e-30), 0, 1)

@@ -3,15 +3,16 @@
 An array becomes a head (JSON data) and a zlib stream, which browsers can inflate; web/store.js reads both.
 The key `how` of the head names the encoding of the stream:
 
-- "plain": the values; with `delta` (integers) the differences between consecutive rows, modulo 2^32.
+- "plain": the values. If `delta` is set, integers are stored as differences between consecutive rows, modulo
+  2^32.
 - "palette": for columns with at most 256 distinct values: 8-bit codes of all columns, then 256 values per
   column.
 - "rows": for at most 65,536 distinct rows: codes of the rows, then the distinct rows.
 - "grid": for three float32 columns: 16-bit codes, then an origin and a step for each chunk of 192 rows. The
   values are origin + code * step.
 
-Values and codes are stored column by column; each column is stored as planes: the first byte of all rows,
-then the second byte, and so on. Similar bytes are then next to each other and compress better.
+Values and codes are stored column by column. A column is stored as planes: the first byte of all rows, then
+the second byte, and so on. Planes compress better, because similar bytes are next to each other.
 """
 
 import zlib
@@ -127,7 +128,7 @@ def _join(raw: bytes, rows: int, columns: int, dtype: np.dtype[Any]) -> NDArray[
 
 
 def _as_plain(table: NDArray[Any]) -> tuple[dict[str, Any], list[bytes]]:
-    """Return the encoding "plain" of a table: further keys of the head, and the parts of the stream."""
+    """Encode a table as "plain". Return the keys for the head, and the parts of the stream."""
     if table.dtype != np.uint32:
         return {"how": "plain"}, [_split(table)]
     difference = np.diff(table, axis=0, prepend=np.zeros((1, table.shape[1]), np.uint32))
@@ -168,8 +169,9 @@ def _as_rows(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]] |
 def find_exponents(table: NDArray[np.float32], codes: int) -> NDArray[np.int32]:
     """Return the exponent e of the grid step 2**e for each chunk of rows.
 
-    The exponent is the smallest number with two properties. First, `codes` steps of the grid span the values
-    of the chunk. Second, all multiples of the step in the range of the chunk are float32 values.
+    The exponent is the smallest number that meets two conditions. First, `codes` steps are at least as long
+    as the range of values in the chunk. Second, float32 can represent every multiple of the step within this
+    range exactly.
     """
     # Chunks (n, 192, columns); the last chunk is padded with its last row.
     chunks = -(-len(table) // CHUNK)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from msb.engines.hardware.plan import SLOT, Binding, ComputePass, DrawPass, Plan
 from msb.engines.webgpu_adapter import Gpu
 
-# Kind of a `Binding` -> entry in a bind group layout.
+# The entry in a bind group layout for each kind of `Binding`.
 _LAYOUTS = {
     "uniform": {"buffer": {"type": "uniform"}},
     "read": {"buffer": {"type": "read-only-storage"}},
@@ -41,8 +41,8 @@ class Band:
 def split_into_bands(width: int, height: int, scale: int, side: int, room: int) -> list[Band]:
     """Return the bands that cover a frame of `width` x `height` pixels.
 
-    A band has at most `room` pixels, and at most `side` samples along each axis, at `scale` samples per
-    pixel.
+    A band has at most `room` pixels. Its width and height are at most `side` samples; a pixel has `scale`
+    samples along each axis.
     """
     columns = min(width, side // scale, room)
     rows = max(min(height, side // scale, room // columns), 1)
@@ -83,7 +83,7 @@ class DevicePlan:
                 layout = self._make_layout(step.bindings)
                 compiled[key] = layout, self._make_pipeline(step, layout)
             self._pipelines.append(compiled[key])
-        # (Step number, band number) -> bind group.
+        # The bind group for each pair (step number, band number).
         self._groups: dict[tuple[int, int], Any] = {}
 
     def _make_layout(self, bindings: Iterable[Binding]) -> Any:
@@ -156,7 +156,7 @@ class DevicePlan:
             gpu.texture(name, width, height, form, "texture_binding", usage)
 
     def _targets(self) -> dict[str, str]:
-        """Return the textures that the passes of a band write, as name -> format."""
+        """Return the formats, by name, of the textures that the passes of a band write."""
         formats: dict[str, str] = {}
         for step in self._plan.band_passes:
             if isinstance(step, DrawPass):
@@ -194,7 +194,8 @@ class DevicePlan:
         }
 
     def stages(self) -> list[tuple[str, list[tuple[int, int]]]]:
-        """Return the stages of a frame in order. Each stage has a list of steps (number, band)."""
+        """Return the stages of a frame in order. A stage is its name and a list of pairs (step number, band
+        number)."""
         first = len(self._plan.passes)
         order = [(number, 0) for number in range(first)]
         order += [(number, k) for k in range(len(self.bands)) for number in range(first, len(self._steps))]
@@ -205,9 +206,9 @@ class DevicePlan:
     def encode(
         self, encoder: Any, steps: list[tuple[int, int]], timed: tuple[Any, int, int] | None = None
     ) -> None:
-        """Encode the steps of one entry of `stages`.
+        """Encode the steps of one stage.
 
-        `timed` has a query set and the numbers of the queries for the start and the end. Consecutive compute
+        `timed` is a query set with the numbers of the start query and the end query. Consecutive compute
         steps share a compute pass; every draw step is a separate render pass.
         """
         # Group the steps into compute and render passes.

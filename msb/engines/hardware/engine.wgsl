@@ -1,10 +1,12 @@
-// The sampling of triangles in game engines: the rasterisation rules of graphics hardware, with the order of operations
-// of msb/reference/engine.py. The file of a method includes this one if ENGINE is defined.
+// The sampling of triangles in game engines, by the rasterisation rules of graphics hardware.
+// The order of operations is that of msb/reference/engine.py.
+// The file of a method includes this file if ENGINE is defined.
 //
-// A quad is drawn, and a sample belongs to the triangle if all three values (barycentric coordinate / depth) are
-// positive. These values and 1 / depth are affine on the screen, and all three are negative for points behind the
-// camera. The triangle therefore needs no clipping, and the result does not depend on how hardware clips, snaps corners
-// or breaks ties at edges.
+// A quad is drawn.
+// A sample belongs to the triangle if all three values (barycentric coordinate / depth) are positive.
+// These values and 1 / depth are affine on the screen, and all three are negative for points behind the camera.
+// The triangle therefore needs no clipping.
+// The result does not depend on how hardware clips, snaps corners or breaks ties at edges.
 
 const ENGINE_NEAR = 0.01;
 const ENGINE_SLACK = 0.1; // margin of the box around the corners in samples, larger than rounding errors
@@ -16,8 +18,10 @@ struct EngineTriangle {
     depth: f32,
     samples: vec4<i32>,
     weight: vec3<f32>,
-    // Coefficients of four affine functions of a sample's x and y. Three functions are barycentric coordinates / depth,
-    // times `weight`. At the centre, the smallest of these values, times the depth, is 1. The fourth function is 1 / depth.
+    // Coefficients of four affine functions of a sample's x and y.
+    // Three functions are barycentric coordinates / depth, times `weight`.
+    // At the centre, the smallest of the three values is 1 / depth.
+    // The fourth function is 1 / depth.
     along_x: vec4<f32>,
     along_y: vec4<f32>,
     constant: vec4<f32>,
@@ -66,7 +70,8 @@ fn engine_box(p: array<vec3<f32>, 3>) -> vec4<i32> {
     return box_of(low - ENGINE_SLACK, high + ENGINE_SLACK);
 }
 
-// Projects a triangle. Its window function is 1 at the incentre if `incentre` is true, else at the centroid.
+// Projects a triangle.
+// The window function is 1 at the incentre if `incentre` is true, else at the centroid.
 fn project_engine(corners: array<vec3<f32>, 3>, incentre: bool) -> EngineTriangle {
     var t: EngineTriangle;
     let p = array<vec3<f32>, 3>(to_camera(corners[0]), to_camera(corners[1]), to_camera(corners[2]));

@@ -20,8 +20,8 @@ from msb.render.surface import Surface
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
-# The struct `View` of view.wgsl, without the members of a method. The members of the method follow these
-# members in the buffer.
+# The common members of the struct `View` in view.wgsl. The members of the method follow directly in the
+# buffer.
 VIEW = np.dtype(
     [
         ("world_to_camera", np.float32, 12),
@@ -122,7 +122,7 @@ def pack(asset: Asset, settings: Mapping[str, Any] | None) -> Packed:
 
 
 def make_native_model(asset: Asset, values: Mapping[str, Any]) -> SplatModel | Surface:
-    """Return the model of the native rendering with the settings `values`; raise the errors of `pack`."""
+    """Return the model of the native rendering. `values` are the settings; the errors are those of `pack`."""
     native: Any = role(asset.manifest.method, "native")
     return (
         native.surface_model(asset, values) if hasattr(native, "surface_model") else make_model(asset, values)

@@ -14,11 +14,12 @@ FRONT_TO_BACK = "one-minus-dst-alpha", "one"
 
 @dataclass(frozen=True)
 class Binding:
-    """A binding of group 0: a texture, or `size` bytes of a buffer from `offset` on (None: all).
+    """A binding of group 0: a texture or a range of a buffer. The range has `size` bytes from `offset` on;
+    without `size`, it is the whole buffer.
 
-    `kind` is "uniform", "read" or "write" for buffers, "texture" for a float texture, "numbers" for a texture
-    of uint32, and "store" for a texture that is written (r32float). If `per_band` is true, the offset depends
-    on the band.
+    A buffer has the `kind` "uniform", "read" or "write". A texture has the `kind` "texture" (float),
+    "numbers" (uint32), or "store" (written as r32float). If `per_band` is true, every band has a different
+    offset.
     """
 
     number: int
@@ -33,9 +34,9 @@ class Binding:
 class ComputePass:
     """A compute dispatch of the entry point `entry`.
 
-    `groups` is the number of workgroups. If `groups` is None, the number is read at byte `indirect` of the
-    buffer `arguments`. If `groups` and `indirect` are None, each pixel of the band has one invocation. With
-    one invocation per pixel, a workgroup has 64 pixels of a row.
+    `groups` is the number of workgroups. If `groups` is None, the GPU reads the number at byte `indirect` of
+    the buffer `arguments`. If `groups` and `indirect` are both None, the pass has one invocation per pixel of
+    the band. A workgroup of such a pass has 64 pixels of a row.
     """
 
     stage: str
@@ -48,13 +49,13 @@ class ComputePass:
 
 @dataclass(frozen=True)
 class DrawPass:
-    """A render pass with one indirect draw for each buffer of per-face data ("records")."""
+    """A render pass with one indirect draw for each buffer of face records."""
 
     stage: str
     module: str
     bindings: tuple[Binding, ...]
     targets: tuple[str, ...]
-    # Buffers of records, and the byte offset in `arguments` of the draw arguments of each buffer.
+    # The record buffers, each with the byte offset of its draw arguments in the buffer `arguments`.
     records: tuple[tuple[str, int], ...]
     # Number of vec4 members of a record; each member is a vertex attribute, at locations 0, 1, ...
     members: int
@@ -70,9 +71,9 @@ class Plan:
 
     # Name -> WGSL.
     modules: Mapping[str, str]
-    # Name of a buffer -> size in bytes and usages of the buffer.
+    # The size in bytes and the usages of each buffer, by name.
     buffers: Mapping[str, tuple[int, tuple[str, ...]]]
-    # Name of a buffer -> content of the buffer, if the content is uploaded only once.
+    # The content of each buffer that is uploaded only once, by name.
     data: Mapping[str, NDArray[Any]]
     passes: tuple[ComputePass, ...]
     band_passes: tuple[DrawPass | ComputePass, ...]

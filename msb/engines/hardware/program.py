@@ -8,8 +8,9 @@ A frame of a blended method has these stages:
 4. blend: draw a quad for each record into the targets, in chunks of faces.
 5. resolve: average samples to pixels and add the background.
 
-A method with an opaque surface does not need a sorted order. Instead of blending, "raster" finds the nearest
-face of each pixel with a z-buffer, and "decode" computes its appearance.
+A method with an opaque surface does not need a sorted order. Its frames have the stages "raster" and "decode"
+instead of "blend". The stage "raster" finds the nearest face of each pixel with a z-buffer, and "decode"
+computes the appearance of this face.
 """
 
 import re
@@ -27,7 +28,7 @@ from msb.errors import DeviceError
 from msb.registry import Order, Sampling
 from msb.render.surface import Surface
 
-# Invocations per workgroup of the stages that process faces; the same as @workgroup_size in project.wgsl.
+# Invocations per workgroup of the stages that process faces. @workgroup_size in project.wgsl is equal.
 _GROUP = 64
 # Largest number of workgroups along an axis that WebGPU guarantees.
 _MAX_GROUPS = 65535
@@ -36,10 +37,10 @@ _MAX_GROUPS = 65535
 _BLOCK = 2048
 _DIGIT_BITS = 4
 _KEY_BITS = 32
-# In some methods, a sample skips all remaining faces once its transmittance is below a threshold; the sample
-# stops. For methods that stop samples, faces are drawn in this number of chunks. While faces are blended by
-# hardware, the transmittance is only known between chunks. Blending in more chunks is more accurate, but
-# slower. With 32 chunks all golden views have at least 70 dB; docs/dedicated.md has measurements.
+# In some methods, a sample is complete once its transmittance falls below a threshold. A complete sample
+# ignores the remaining faces. If a method stops samples, its faces are drawn in this number of chunks.
+# Hardware blending reveals the transmittance only between chunks. Blending in more chunks is more accurate,
+# but slower. With 32 chunks all golden views have at least 70 dB; docs/dedicated.md has measurements.
 STOPS = 32
 _STOPS_EARLY = re.compile(r"^const STOP = ", re.MULTILINE)
 _TYPES = {"float32": "f32", "int32": "i32", "uint32": "u32"}
@@ -128,7 +129,8 @@ def make_plan(
     surface = packed.surface
     lattices: dict[str, bool | int | str] = {}
     if surface is not None:
-        order, form = "none", "r32uint"  # a z-buffer needs no order, and its render target holds face numbers
+        # the z-buffer finds the nearest face in any order; the target holds face numbers
+        order, form = "none", "r32uint"
         as_bytes = surface.features.dtype == np.uint8
         lattices = {"SIDE": 1 << surface.level, "BYTES": as_bytes, "TEXEL": "u32" if as_bytes else "f32"}
     defines: dict[str, bool | int | str] = {
@@ -171,8 +173,8 @@ def make_plan(
         del modules["resolve"]
     elif not packed.soup:
         modules["shade"] = text(method_file, "project.wgsl", COMPUTE=True, COLORING=True, SHADING=True)
-    # Records are divided into chunks (to stop samples) and parts (to respect the limit of a buffer). Every
-    # pair of chunk and part has a buffer.
+    # Records are divided into chunks, between which samples can stop. A chunk is divided into parts, which
+    # fit into one buffer each. Each part of each chunk has its own buffer.
     parts, room = _split_records(planner, record_bytes, chunks)
     passes = [*_plan_projection(planner, debug), *_plan_sorting(planner, order, chunks, parts)]
     last = "faces a" if order == "none" else "faces b"
@@ -217,8 +219,8 @@ def _plan_blending(
 ) -> tuple[DrawPass | ComputePass, ...]:
     """Return the passes of a band that blend faces and average samples to pixels.
 
-    If there are several chunks, the pass "hold" before each chunk copies the alpha of samples to the texture
-    `covered`. The draw pass of the chunk reads `covered` and skips opaque samples.
+    With several chunks, the pass "hold" runs before each chunk and copies the alpha of the samples to the
+    texture `covered`. The draw pass of the chunk reads `covered` and skips opaque samples.
     """
     textures = tuple(Binding(2 + k, "texture", target) for k, target in enumerate(targets))
     resolve = ComputePass("resolve", "resolve", "resolve", (VIEW_BINDING, _BAND, *textures, _PIXELS))
@@ -240,8 +242,8 @@ def _plan_z_buffer(
 ) -> tuple[DrawPass | ComputePass, ...]:
     """Return the passes of a band that find the nearest face of each pixel and compute its appearance.
 
-    If the feature lattices exceed the limit of a binding, they are split into parts. For each part, all faces
-    are drawn and all pixels are decoded, but only the faces of this part have an effect.
+    Feature lattices that exceed the limit of a binding are split into parts. Each part draws all faces and
+    decodes all pixels, but changes only pixels that show its own faces.
     """
     planner.upload("decoder", surface.decoder, "uniform")
     steps: list[DrawPass | ComputePass] = []

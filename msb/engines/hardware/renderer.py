@@ -26,19 +26,18 @@ from msb.scenes.colors import Color
 # Texture formats of the render targets: float32 or half floats for blending, or face numbers for a z-buffer.
 FLOAT, HALF, NUMBERS = "rgba32float", "rgba16float", "r32uint"
 _BLENDS = {FLOAT: "float32", HALF: "half floats"}
-# Maximum number of samples of a band, by format. The maximum number of samples limits the memory of the
-# render targets: 256 MiB for blending (colour and depth), 128 MiB for face numbers with their depths.
+# Maximum number of samples of a band, by format. The limit bounds the memory of the render targets: 256 MiB
+# for colour and depth, or 128 MiB for face numbers and their depths.
 _ROOM = {FLOAT: 1 << 23, HALF: 1 << 24, NUMBERS: 1 << 24}
 
 
-# First word in the name of a memory use -> group of this use in reports.
+# The group in memory reports for the first word of each memory use.
 _GROUPS = {
     **dict.fromkeys(("positions", "indices"), "geometry"),
     **dict.fromkeys(("coverage", "f_dc", "f_rest", "opacity", "features", "decoder"), "appearance"),
     **dict.fromkeys(("image", "depth", "covered", "nearest", "z-buffer", "pixels,", "pixels"), "targets"),
 }
-# Limits for which the maximum of the adapter is requested. The first three limits are the members of
-# `Limits`.
+# Limits that are requested at the adapter's maximum. The first three limits are the members of `Limits`.
 _LIMITS = (
     "max-storage-buffer-binding-size",
     "max-buffer-size",
@@ -166,8 +165,8 @@ class HardwareRenderer:
     def _run_by_stage(self) -> DrawTime:
         """Submit each stage separately and time it with the wall clock, for software adapters.
 
-        The timestamps of lavapipe are useless for compute passes, because lavapipe writes them only at the
-        next draw. With a software adapter, waiting for each stage takes no additional time.
+        Lavapipe writes the timestamps of a compute pass only at the next draw, so its timestamps are useless
+        here. Waiting for each stage costs no extra time with a software adapter.
         """
         spent: dict[str, float] = {}
         begun = time.perf_counter()
@@ -226,11 +225,11 @@ class HardwareRenderer:
         return keys, self._device_plan.read("rectangles").view(np.int32).reshape(-1, 4)[:count]
 
     def memory(self) -> Mapping[str, int]:
-        """Return the memory of every buffer and texture, as name of the use -> bytes."""
+        """Return the bytes of every buffer and texture, by use."""
         return self._gpu.memory()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return the groups for reports of memory, as name of a use -> name of its group."""
+        """Return the group in memory reports for each use."""
         return {name: _GROUPS[word] for name in self._gpu.resources if (word := name.split()[0]) in _GROUPS}
 
     def close(self) -> None:

@@ -1,5 +1,5 @@
-// The buffers of the model, and the result of a face's projection. Every compute stage over faces starts with the file of
-// the method, which starts with this file.
+// The buffers of the model, and the result of a face's projection.
+// Every compute stage over faces starts with the file of the method, which starts with this file.
 #include "exact.wgsl"
 
 // Long buffers are bound in parts; `part` has the range of rows of the bound part.

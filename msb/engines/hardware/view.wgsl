@@ -1,5 +1,5 @@
-// The uniform buffer of the camera. The host computes only this buffer for each frame (`view_bytes` in
-// msb/engines/hardware/packing.py).
+// The uniform buffer of the camera.
+// The host computes only this buffer for each frame (`view_bytes` in msb/engines/hardware/packing.py).
 struct View {
     world_to_camera: array<vec4<f32>, 3>, // rows of W, for column vectors
     full: array<vec4<f32>, 4>,            // rows of P W

@@ -124,7 +124,7 @@ function zoom(factor) {
 
 // ---- mouse and touch: one pointer rotates, two pan and zoom
 
-const fingers = new Map();  // pointer id -> [x, y]
+const fingers = new Map();  // position [x, y] of each pointer, by pointer id
 const middleOf = (points) => [0, 1].map((k) => points.reduce((sum, point) => sum + point[k], 0) / points.length);
 const distanceOf = (points) => Math.max(1, Math.hypot(points[0][0] - points[1][0], points[0][1] - points[1][1]));
 canvas.parentElement.addEventListener("pointerdown", (event) => {

@@ -39,7 +39,8 @@ function readPixels(view) {
   return values;
 }
 
-// Returns a material that writes the depth. If a material has an alpha cutoff, this is a copy with a changed output.
+// Returns a material that writes the depth.
+// If a material has an alpha cutoff, this is a copy with a changed output.
 function depthOf(material) {
   if (!material.alphaTest) return depthMaterial;
   const depth = material.clone();

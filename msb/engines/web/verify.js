@@ -1,6 +1,6 @@
 "use strict";
-// This script is added to a page for a measurement (dedicated_page/measurement.py). It draws the test views that the
-// server requests.
+// This script is added to a page for a measurement (dedicated_page/measurement.py).
+// The script draws the test views that the server requests.
 (async () => {
   const answer = async (head, ...parts) =>
     fetch("answer", { method: "POST", body: new Blob([JSON.stringify(head), "\n", ...parts]) });

@@ -11,7 +11,7 @@ from msb.scenes.datasets.rules import Photographs, Rules
 
 # Features per lattice sample, in addition to its opacity.
 FEATURES = 7
-# Highest level of a lattice. Official trainings end at lattice level 5; level 8 has 33,153 samples per
+# Highest level of a lattice. Official trainings end at lattice level 5. Level 8 has 33,153 samples per
 # triangle.
 MAX_LEVEL = 8
 # The shape of each decoder layer's weight matrix, [out, in].

@@ -91,8 +91,8 @@ def describe(
     """Return the description of a DiffSoup model for its manifest.
 
     The settings must contain `layout`. This function adds the near and far planes, which depend on the
-    layout. If `encoding` is "sigmoid", features are numbers in [0, 1]. If `encoding` is "lut", features are
-    bytes of the web export, and a byte v means v / 255.
+    layout. With the encoding "sigmoid", features are numbers in [0, 1]. With the encoding "lut", features are
+    bytes from the web export. A byte v represents v / 255.
     """
     layout = str(settings.finish()["layout"].value)
     near, far = _PLANES[layout]

@@ -1,9 +1,8 @@
-// DiffSoup: opaque triangles with lattices of features and opacity, and a small decoder. This file
-// translates diffsoup_math.cl and diffsoup_project.cl for graphics hardware; their comments explain more.
+// DiffSoup: opaque triangles with lattices of features and opacity, and a small decoder.
+// This file translates diffsoup_math.cl and diffsoup_project.cl for graphics hardware; the comments there explain more.
 // Sources: kenji-tojo/diffsoup at c74e35d: src/cuda/rasterize.cu, multires.cu, encoding.cu.
 //
-// Before the decoder, products and sums must not be fused, because rounding decides which triangle covers a
-// pixel.
+// Before the decoder, products and sums must not be fused, because rounding decides which triangle covers a pixel.
 #if COMPUTE
 #include "source.wgsl"
 #else
@@ -64,8 +63,8 @@ fn meeting_at(c: vec2<f32>, p0: vec4<f32>, p1: vec4<f32>, p2: vec4<f32>) -> Meet
 
 const SAMPLES = (SIDE + 1u) * (SIDE + 2u) / 2u;
 
-// The three lattice nodes around a point, and their weights. The second lattice node follows the first in
-// memory.
+// The three lattice nodes around a point, and their weights.
+// The second lattice node follows the first in memory.
 struct Cell {
     first: u32,
     last: u32,
@@ -119,8 +118,8 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     (*face).number = vec4<f32>(f32(number & 0xffffu), f32(number >> 16u), coverage[number], 0.0);
     let front = vec3<bool>(p0.w > 0.0, p1.w > 0.0, p2.w > 0.0);
     // The official code clips nothing: a triangle with a corner at or behind the camera plane is dropped.
-    // An engine keeps the part in front: the rectangle of the triangle is the whole image, and the depth
-    // test discards the part behind.
+    // An engine keeps the part in front.
+    // The rectangle of the triangle is the whole image, and the depth test discards the part behind.
 #if ENGINE
     let dropped = !any(front);
 #else
@@ -178,9 +177,9 @@ fn node_at(at: u32) -> Node {
                 vec3<f32>(feature(at + 4u), feature(at + 5u), feature(at + 6u)));
 }
 
-// The direction from the surface towards the camera is opposite to the pixel's ray. The direction is
-// computed from the cofactors of the rotation, which may not be exactly orthogonal. The official code
-// computes this direction from the near and far points by the inverse projection, with equal results.
+// The direction from the surface towards the camera is opposite to the pixel's ray.
+// The direction is computed from the cofactors of the rotation, which may not be exactly orthogonal.
+// The official code computes this direction from the near and far points by the inverse projection, with equal results.
 fn towards_camera(c: vec2<f32>) -> vec3<f32> {
     let off = 2.0 * view.shift / vec2<f32>(f32(view.width), f32(view.height));
     // In the "colmap" layout the principal point has the official sign.
@@ -261,11 +260,12 @@ fn picture_of(p: vec4<f32>, half: vec2<f32>) -> vec2<f32> {
     return vec2<f32>(at.x, select(at.y, 2.0 * half.y - at.y, view.flip == 1u));
 }
 
-// Returns corner `index` of the drawn triangle strip. The edges of the triangle are moved outwards by more
-// than the rounding errors of the hardware and of the edge functions in `meeting_at`. Returns `corner`, a
-// corner of the rectangle, if the moved triangle is unsuitable: hardly smaller than the rectangle, too
-// thin, too far away or too pointed. The outline only reduces the number of fragments; it does not decide
-// which pixels are covered.
+// Returns corner `index` of the drawn triangle strip.
+// The edges of the triangle are moved outwards.
+// The distance exceeds the rounding errors of the hardware and of the edge functions in `meeting_at`.
+// Returns `corner`, a corner of the rectangle, if the moved triangle is unsuitable.
+// Unsuitable triangles are hardly smaller than the rectangle, too thin, too far away or too pointed.
+// The outline only reduces the number of fragments; it does not decide which pixels are covered.
 fn outline(face: Face, index: u32, corner: vec2<f32>) -> vec2<f32> {
     let p = array<vec4<f32>, 3>(face.corner0, face.corner1, face.corner2);
     let half = 0.5 * vec2<f32>(f32(view.width), f32(view.height));
@@ -316,11 +316,10 @@ fn outline(face: Face, index: u32, corner: vec2<f32>) -> vec2<f32> {
 
 fn place_of(face: Face, x: i32, y: i32) -> Place {
     let m = meeting_at(centre_at(x, y), face.corner0, face.corner1, face.corner2);
-    // The official depth key is NDC depth + 2, between 1 and 3. This key minus 1 and divided by 4 is still
-    // exact.
+    // The official depth key is NDC depth + 2, between 1 and 3.
+    // The key minus 1, divided by 4, is still exact.
     var place = Place(m.inside && m.ndc > -1.0, keep(keep(m.ndc + 2.0) - 1.0) * 0.25);
-    // The opacity array may be bound in several parts, and an outline may reach beyond the official
-    // rectangle.
+    // The opacity array may be bound in several parts, and an outline may reach beyond the official rectangle.
     let at = vec2<f32>(f32(x), f32(y));
     place.inside = place.inside && number_of(face) - part.first < part.count
         && all(at >= face.quad.xy) && all(at <= face.quad.zw);

@@ -1,8 +1,8 @@
 // DiffSoup in CPU style: each work-item draws a band of pixel rows, eight pixels at a time, without atomics.
 //
-// Every work-item tests all triangles in their order. At equal depths the lowest face number wins without
-// further rules, and no lists of unknown length are needed. Each plane has rows of `pitch` pixels, a
-// multiple of eight.
+// Every work-item tests all triangles in their order.
+// At equal depths, the lowest face number wins automatically, and no lists of unknown length are needed.
+// Each plane has rows of `pitch` pixels, a multiple of eight.
 #define WIDE 1
 #include "diffsoup_math.cl"
 #include "diffsoup_project.cl"
@@ -42,10 +42,11 @@ static float8 opacity_at(__global const TEXEL *lattice, int side, float8 b0, flo
 
 // The columns of a row that can meet a triangle; the rest of the triangle's rectangle is skipped.
 //
-// A pixel is inside if the rounded A0, A1 and A2 (fragment_at) have the same sign. In exact arithmetic A_i
-// = a_i u + b_i v + c_i; the rounded value differs by less than `error`, a bound of all rounding for |u|,
-// |v| <= 1. Each edge leaves a half-line of u, and the intersection of the three half-lines contains every
-// pixel that is inside.
+// A pixel is inside if the rounded A0, A1 and A2 (fragment_at) have the same sign.
+// In exact arithmetic, A_i = a_i u + b_i v + c_i.
+// For |u|, |v| <= 1, the rounded value differs by less than `error`.
+// In a row, each edge limits u to a half-line.
+// The intersection of the three half-lines contains every pixel that is inside.
 typedef struct {
     float b[3], c[3], k[3]; // u = (b v + c) k is the end of edge i's half-line, its left end if k < 0
     int known;
@@ -71,7 +72,8 @@ static Span span_of(float4 p0, float4 p1, float4 p2, int2 columns)
     // 2^-20 is sixteen rounding errors, and at most ten rounding errors add up.
     float error = size * 0x1p-20f, turn = s.c[0] * p0.w + s.c[1] * p1.w + s.c[2] * p2.w;
     // The span is unknown for triangles that are seen nearly edge-on, or are too large or too small for
-    // float32. Rounding may then give A any sign.
+    // float32.
+    // Rounding may then give A any sign.
     s.known = error > 1e-30f && fabs(turn) > 4.0f * error * (fabs(p0.w) + fabs(p1.w) + fabs(p2.w));
     float sign = turn > 0.0f ? 1.0f : -1.0f;
     for (int i = 0; i < 3; i++) {
@@ -175,8 +177,8 @@ __kernel void raster(__global const float4 *corners, __global const ushort *firs
     fragments[band] = count;
 }
 
-// Two loads of four read the seven texels of a node; the fourth texel is loaded twice, so that no load
-// exceeds the lattice.
+// Two loads of four read the seven texels of a node.
+// The fourth texel is loaded twice, so that no load exceeds the lattice.
 #if TEXEL_SCALE == 1
 #define FOUR(p) (((__global const Unaligned *)(p))->four)
 #else

@@ -1,16 +1,18 @@
 // DiffSoup: computations that both kernel styles share, for one pixel or for eight pixels.
 //
-// If WIDE is 1, a `real` is a float8 for eight neighbouring pixels, because CPU compilers do not vectorise
-// loops with a data-dependent length. If WIDE is 0, a `real` is a float. The operations and their order are
-// equal, so both styles give equal bits on one device.
+// If WIDE is 1, a `real` is a float8 for eight neighbouring pixels.
+// CPU compilers do not vectorise loops with a data-dependent length.
+// If WIDE is 0, a `real` is a float.
+// The operations and their order are equal, so both styles give equal bits on one device.
 //
-// Before the decoder, products and sums must not be fused, because rounding decides which triangle covers a
-// pixel.
+// Before the decoder, products and sums must not be fused.
+// The rounding of these operations decides which triangle covers a pixel.
 //
-// Operators replace OpenCL functions: ?: replaces select, and casts replace vload8. PoCL's CPU driver
-// compiles such functions as library calls, which take several times as long as one instruction. The
-// defines are WIDE, TEXEL (float or uchar) and TEXEL_SCALE (1 or 255). The parameter `side` is 2^level of
-// the lattices.
+// Operators replace OpenCL functions: ?: replaces select, and casts replace vload8.
+// PoCL's CPU driver compiles such functions as library calls.
+// A call takes several times as long as one instruction.
+// The defines are WIDE, TEXEL (float or uchar) and TEXEL_SCALE (1 or 255).
+// The parameter `side` is 2^level of the lattices.
 #pragma OPENCL FP_CONTRACT OFF
 
 #define FEATURES 7
@@ -40,12 +42,13 @@ typedef int whole;
 #if TEXEL_SCALE == 1
 #define DECODED(x) (x)
 #else
-// The division is correctly rounded. A product with 1/255 would differ in the last bit.
+// The division is correctly rounded.
+// A product with 1/255 would differ in the last bit.
 #define DECODED(x) ((x) / (float)TEXEL_SCALE)
 #endif
 
-// The layout of the record that the host writes for each frame, all float32; the values are offsets into
-// one buffer.
+// The layout of the record that the host writes for each frame, all float32.
+// The values are offsets into one buffer.
 #define MVP 0
 #define INVERSE 16
 #define BACKGROUND 32
@@ -57,8 +60,8 @@ typedef struct {
     whole valid; // the point is inside (edges included), and between the near and the far plane
 } Fragment;
 
-// Returns the point where the ray of a pixel with NDC centre (u, v) meets a triangle, given by its clip
-// coordinates.
+// Returns the point where the ray of a pixel with NDC centre (u, v) meets a triangle.
+// The corners p0, p1 and p2 are in clip coordinates.
 static Fragment fragment_at(real u, float v, float4 p0, float4 p1, float4 p2)
 {
     float qy0 = p0.y - v * p0.w, qy1 = p1.y - v * p1.w, qy2 = p2.y - v * p2.w;
@@ -80,8 +83,8 @@ static Fragment fragment_at(real u, float v, float4 p0, float4 p1, float4 p2)
     return f;
 }
 
-// The three lattice nodes around a point of a face, and their weights. Lattice node 1 always follows node 0
-// in memory.
+// The three lattice nodes around a point of a face, and their weights.
+// Lattice node 1 always follows node 0 in memory.
 typedef struct {
     whole node0, node2;
     real w0, w1, w2;
@@ -146,9 +149,9 @@ static void harmonics(real x, real y, real z, real *e)
 // From here on products and sums may be fused, because no decision depends on the rounding.
 #pragma OPENCL FP_CONTRACT ON
 
-// exp(x) is accurate to 2 ulp; beyond +-87 the logistic function is constant. This function is implemented
-// here so that one pixel and eight pixels give equal bits. The scalar and vector functions of a platform
-// may differ.
+// exp(x) is accurate to 2 ulp; beyond +-87 the logistic function is constant. exp is implemented here so that
+// one pixel and eight pixels give equal bits.
+// The scalar and vector functions of a platform may differ.
 static real exponential(real x)
 {
     const real most = 87.0f, least = -87.0f;
@@ -169,8 +172,8 @@ static real exponential(real x)
     return p * AS_REAL((AS_WHOLE(t) - 0x4b400000 + 127) << 23);
 }
 
-// One hidden layer with 16 inputs, 16 outputs and ReLU. Eight sums are computed side by side, to hide the
-// latency of each product.
+// One hidden layer with 16 inputs, 16 outputs and ReLU.
+// Eight sums are computed side by side, to hide the latency of each product.
 static void hidden_layer(const real *x, __constant const float *weight, __constant const float *bias, real *y)
 {
     const real zero = 0.0f;
@@ -200,8 +203,8 @@ static void hidden_layer(const real *x, __constant const float *weight, __consta
     }
 }
 
-// Returns the colour of features and harmonics x[16]. The array `net` has the weights and biases of the
-// three layers, one after another.
+// Returns the colour of features and harmonics x[16].
+// The array `net` has the weights and biases of the three layers, one after another.
 static void decode(const real *x, __constant const float *net, real *color)
 {
     real h1[16], h2[16];

@@ -1,5 +1,5 @@
-// DiffSoup: clip coordinates and pixel rectangle of every triangle, for both kernel styles. Included after
-// diffsoup_math.cl.
+// DiffSoup: clip coordinates and pixel rectangle of every triangle, for both kernel styles.
+// Included after diffsoup_math.cl.
 
 #define NO_ROW 65535 // images have fewer rows, so a triangle that starts at this row has no pixels
 
@@ -17,7 +17,8 @@ static float in_range(float ndc)
     return isfinite(ndc) ? clamp(ndc, -1.0f, 1.0f) : ndc > 0.0f ? 1.0f : -1.0f;
 }
 
-// First and last pixel along an axis of `size` pixels; an empty range has the first greater than the last.
+// First and last pixel along an axis of `size` pixels.
+// In an empty range, the first pixel is greater than the last.
 static int2 pixel_range(float a, float b, float c, uint size)
 {
     float low = min(min(a, b), c), high = max(max(a, b), c);
@@ -26,8 +27,8 @@ static int2 pixel_range(float a, float b, float c, uint size)
     return (int2)(first, last);
 }
 
-// The kernel is launched with `padded` >= `faces` work-items; the arrays of rectangles end with empty
-// rectangles.
+// The kernel is launched with `padded` >= `faces` work-items.
+// The arrays of rectangles end with empty rectangles.
 __kernel void project(__global const float *positions, __global const uint *indices,
                       __global const float *frame, __global float4 *corners, __global ushort *first_rows,
                       __global ushort *last_rows, __global ushort2 *columns, uint faces, uint padded,
@@ -49,8 +50,8 @@ __kernel void project(__global const float *positions, __global const uint *indi
     corners[3 * face + 2] = p2;
 
     // The official code clips nothing: a triangle with a corner at or behind the camera plane is dropped.
-    // An engine keeps the part in front: the rectangle of the triangle is the whole image, and the depth
-    // test discards the part behind.
+    // An engine keeps the part in front.
+    // The rectangle of the triangle is the whole image, and the depth test discards the part behind.
     bool crosses = !(p0.w > 0.0f && p1.w > 0.0f && p2.w > 0.0f);
     if (crosses && (!ENGINE || !(p0.w > 0.0f || p1.w > 0.0f || p2.w > 0.0f)))
         return;

@@ -81,7 +81,7 @@ class Pipeline(OnDevice):
         Has no effect, because the image of a z-buffer does not depend on the order of triangles.
     sampling : {"official", "engine"}
         With "engine" a triangle that crosses the camera plane is clipped, like in hardware, instead of
-        dropped. All other rules of sampling follow hardware in both modes.
+        dropped. Both modes follow graphics hardware in all other rules of sampling.
     viewer : bool
         Whether to imitate the official viewers: lattices are truncated to bytes, and interpolated features
         are rounded to bytes. The official viewers also clip triangles, which `sampling` "engine" imitates.

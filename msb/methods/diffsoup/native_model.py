@@ -20,7 +20,7 @@ from msb.scenes import Camera
 
 # Minimum opacity of an opaque sample.
 THRESHOLD = 0.5
-# This margin exceeds the rounding error of interpolation for values up to 2.
+# The margin exceeds the rounding error of interpolation for values up to 2.
 _MARGIN = 1e-5
 
 
@@ -72,7 +72,7 @@ def diffsoup_model(asset: Asset, *, quantise: bool = False) -> DiffSoupModel:
     features = required_buffer(asset, "features.lattice", faces, samples(level), FEATURES)
     opacity = required_buffer(asset, "features.opacity", faces, samples(level))
     if features.dtype != opacity.dtype:
-        text = f"features.lattice is {features.dtype}, features.opacity {opacity.dtype}; they must be equal"
+        text = f"features.lattice is {features.dtype}, but features.opacity is {opacity.dtype}; use one type"
         raise AssetError("TRIASSET_BUFFER", text, file=asset.path, pointer="/buffers/features.opacity")
     if quantise:
         features, opacity = _as_bytes(features), _as_bytes(opacity)
@@ -112,7 +112,7 @@ def diffsoup_matrices(
     layout : {"colmap", "synthetic"}
         "colmap": the matrix V negates the camera's z, NDC y grows downwards, and cy has the official sign,
         which is the opposite of the correct one. "synthetic": the matrix V negates y and z, and NDC y grows
-        upwards. The official code assumes a principal point in the middle; this function uses the camera's
+        upwards. The official code assumes a principal point in the middle, but this function supports any
         principal point.
     near, far : float
         Camera depths in scene units that become NDC -1 and 1.

@@ -23,7 +23,8 @@ from msb.scenes import Camera
 
 # Fragments of lower opacity are discarded.
 OPACITY_THRESHOLD = 0.5
-# The feature that blends the decoder's colour with the base colour, which is features 0 to 2.
+# Number of the feature that blends the decoder's colour with the base colour. Features 0 to 2 are the base
+# colour.
 BLEND_FEATURE = 3
 # Maximum number of pixels in triangle boxes that are processed at once, to limit the memory.
 _TOGETHER = 1 << 18
@@ -54,7 +55,7 @@ def render(
     dtype: type[Any],
     modes: Modes,
 ) -> ReferenceFrame:
-    """Return the frame of `asset` from `camera`, as described at `render_reference`.
+    """Return the frame of `asset` from `camera`; see `render_reference`.
 
     The image of a z-buffer does not depend on the order of faces. Engine sampling differs only for faces
     that reach behind the camera, because hardware clips such faces. Pixels without a face show
@@ -68,7 +69,7 @@ def render(
     columns, rows = ndc_centers(camera.width, dtype), ndc_centers(camera.height, dtype)
     seen = rasterize(clip[indices], opacity, level, columns, rows, clips=modes.engine)
 
-    # Interpolate the features at the n pixels with a face, and decode them with the encoded view directions.
+    # Interpolate the features of the n covered pixels, and decode them with the encoded view directions.
     hit = seen.face >= 0
     b0, b1, face = seen.b0[hit], seen.b1[hit], seen.face[hit]
     row, column = np.nonzero(hit)
@@ -115,7 +116,7 @@ def diffsoup_projection(
     layout : {"colmap", "synthetic"}
         "colmap": NDC y grows downwards, and the vertical principal point has the official sign, which is the
         opposite of the correct one. "synthetic": NDC y grows upwards. The official code assumes a principal
-        point in the middle; this function uses the camera's principal point.
+        point in the middle, but this function supports any principal point.
     near, far : float
         Camera depths in scene units that become NDC -1 and 1.
 
@@ -148,8 +149,8 @@ def diffsoup_projection(
 
 
 def lattices(asset: Asset, dtype: type[Any]) -> tuple[int, Reals, Reals]:
-    """Return the level, the features (F, S, 7) and the opacity (F, S) of the lattices; a byte v becomes v /
-    255."""
+    """Return the level, the features (F, S, 7) and the opacity (F, S) of the lattices. A byte v becomes
+    v / 255."""
     level, count = check_level(asset.manifest.appearance.get("level"), asset.path), asset.manifest.face_count
     lattice, opacity = (
         array.astype(dtype) / dtype(255) if array.dtype == np.uint8 else array.astype(dtype, copy=False)
@@ -172,8 +173,8 @@ def rasterize(
     """Return the z-buffer of triangles with clip coordinates (F, 3 corners, 4).
 
     The face with the nearest NDC depth is visible. At equal depths, the face with the lowest number is
-    visible. Depths are compared as float32(depth + 2), like the official key. Therefore nearly equal depths
-    also count as equal in float64.
+    visible. Depths are compared as float32(depth + 2), like the official key. Depths that differ by less than
+    this rounding are equal, even in float64.
     """
     shape, dtype = (len(rows), len(columns)), corners.dtype
     seen = ZBuffer(
@@ -187,7 +188,7 @@ def rasterize(
     dropped, boxes = pixel_boxes(corners, len(columns), len(rows), clips=clips)
     in_rows = seen.key, seen.face, seen.b0, seen.b1, seen.ndc_depth, seen.camera_depth
     nearest_key, *planes = (array.reshape(-1) for array in in_rows)
-    # Test n candidate pixels of several faces at once, and keep the n fragments that are valid.
+    # Test the candidate pixels of several faces at once, and keep the valid fragments.
     for face, column, row in box_pixels(np.flatnonzero(~dropped), boxes):
         b0, b1, ndc_depth, w, valid = fragments(corners[face].transpose(1, 2, 0), columns[column], rows[row])
         seen.fragments += int(valid.sum())
@@ -212,8 +213,8 @@ def box_pixels(
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]:
     """Yield the pixels in the boxes (F, 4) of the ascending `faces`: face, column and row, (n,) each.
 
-    Several faces are in one batch if they have at most `_TOGETHER` pixels in total. The pixels of a face
-    are never split over two batches.
+    Faces with at most `_TOGETHER` pixels in total share a batch. The pixels of a face are never split over
+    two batches.
     """
     left, right, top, bottom = boxes[faces].T
     across = right - left + 1
@@ -236,9 +237,8 @@ def pixel_boxes(
     """Return which of F triangles are dropped, and the boxes of the others.
 
     A box (F, 4) holds the first and last column, and the first and last row. A triangle with a corner at or
-    behind the camera plane is dropped. With `clips`, the part of such a triangle in front of the plane is
-    kept. With `clips`, the box of such a triangle is the whole image, and the test of the NDC depth
-    discards the part behind the plane.
+    behind the camera plane is dropped. With `clips`, a dropped triangle is kept instead, and its box is the
+    whole image. The test of the NDC depth removes the part behind the plane.
     """
     w = corners[..., 3]
     behind = ~(w > 0)
@@ -261,14 +261,15 @@ def pixel_boxes(
 
 
 def fragments(corners: Reals, u: Reals, v: Reals) -> tuple[Reals, Reals, Reals, Reals, NDArray[np.bool_]]:
-    """Return where pixel rays at NDC u, v (n,) meet triangles (3 corners, 4, n), as arrays (n,).
+    """Return the points where n pixel rays meet the planes of triangles, as arrays (n,). `u` and `v` (n,) are
+    the NDC coordinates of the pixels, and `corners` is (3 corners, 4, n).
 
 
     Returns
     -------
     b0, b1 : barycentric coordinates of corners 0 and 1, linear in world space
     ndc_depth, w : z / w, and clip w, which is the camera's z
-    valid : whether the point is inside the triangle or on an edge, and the NDC depth is within -1 to 1
+    valid : whether the point is inside the triangle (edges included), and the NDC depth is from -1 to 1
     """
     (x0, y0, z0, w0), (x1, y1, z1, w1), (x2, y2, z2, w2) = corners
     # Homogeneous edge functions: subtract the pixel from the corners, then compute signed areas.
@@ -291,7 +292,8 @@ def fragments(corners: Reals, u: Reals, v: Reals) -> tuple[Reals, Reals, Reals, 
 def interpolate(lattice: Reals, faces: NDArray[Any] | int, level: int, b0: Reals, b1: Reals) -> Reals:
     """Return lattices (F, S, C) of `faces` at barycentric coordinates (n,), interpolated between three nodes.
 
-    Node (x, y), at b0 = x / 2^level and b1 = y / 2^level, is sample s(s + 1)/2 + y with s = x + y.
+    Lattice node (x, y) has b0 = x / 2^level and b1 = y / 2^level. The lattice node is sample s(s + 1)/2 + y,
+    where s = x + y.
     """
     side = 2**level
     u, v = b0 * side, b1 * side
@@ -337,7 +339,8 @@ def decode(asset: Asset, features: Reals, encoding: Reals) -> Reals:
 
 
 def scatter(hit: NDArray[np.bool_], values: Reals) -> Reals:
-    """Return an image (H, W, C) that has `values` (n, C) at the n pixels of `hit`, and 0 elsewhere."""
+    """Return an image (H, W, C). The n pixels of `hit` have the `values` (n, C), and the other pixels are
+    0."""
     image = np.zeros((*hit.shape, values.shape[1]), values.dtype)
     image[hit] = values
     return image

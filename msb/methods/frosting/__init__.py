@@ -1,4 +1,5 @@
-"""Gaussian Frosting: Gaussians in a layer on a mesh. The exported textured mesh is drawn."""
+"""Gaussian Frosting: Gaussians in a layer on a mesh. Renderers draw the textured mesh that Frosting
+exports."""
 
 from msb.methods.sugar import PHOTOGRAPHS
 from msb.registry import extracted_mesh

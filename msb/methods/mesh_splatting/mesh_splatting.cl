@@ -1,5 +1,5 @@
-// MeshSplatting: an indexed mesh with colours and opacities at its vertices. With PLUS: Triangle
-// Splatting+. Sources: meshsplatting/diff-triangle-mesh-rasterization at b27f283,
+// MeshSplatting: an indexed mesh with colours and opacities at its vertices.
+// With PLUS: Triangle Splatting+. Sources: meshsplatting/diff-triangle-mesh-rasterization at b27f283,
 // trianglesplatting2/diff-triangle2-rasterization at 42e62aa (PLUS): cuda_rasterizer/forward.cu.
 
 #include "splat_common.cl"
@@ -17,16 +17,19 @@
 #define COLORS 9
 #define SMALL_IS_DROPPED 0 // even if two corners coincide on the screen
 
-// The array coverage has, per vertex: opacity, rim (the phi below which alpha is under 1/255); with PLUS
-// also the phi with o phi^sigma = 0.01. f_dc contains the evaluated colours of the vertices.
+// For each vertex, the array coverage has the opacity and the rim.
+// The rim is the phi below which alpha is under 1/255.
+// With PLUS, coverage also has the phi with o phi^sigma = 0.01.
+// f_dc contains the evaluated colours of the vertices.
 
 #if ENGINE
 #define LINES 12
 // inverse_weight belongs to the barycentric coordinates 1 and 2.
 #define SHAPE(REAL) REAL lines[LINES], inverse_weight[2], opacity;
 #else
-// inverse is 1 / inradius; origin is corner 0, e1 and e2 are the edges from corner 0, area is 1 / (e1 x
-// e2). depth has the depth of corner 0, and the depth differences of corners 1 and 2.
+// inverse is 1 / inradius.
+// origin is corner 0, e1 and e2 are the edges from corner 0, and area is 1 / (e1 x e2).
+// depth has the depth of corner 0, and the depth differences of corners 1 and 2.
 #define SHAPE(REAL)                                                                                          \
     REAL normal_x[3], normal_y[3], offset[3], inverse, opacity;                                              \
     REAL origin[2], e1[2], e2[2], area, depth[3];

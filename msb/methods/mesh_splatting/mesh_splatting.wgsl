@@ -1,5 +1,5 @@
-// MeshSplatting: an indexed mesh with vertex colours and opacities. This file translates mesh_splatting.cl
-// for graphics hardware; the comments there explain more.
+// MeshSplatting: an indexed mesh with vertex colours and opacities.
+// This file translates mesh_splatting.cl for graphics hardware; the comments there explain more.
 
 const STOP = 1e-4; // a face that would lower the transmittance T below this value is not blended
 #if PLUS
@@ -54,8 +54,7 @@ fn color_face(number: u32, face: ptr<function, Face>) {
 }
 #endif
 
-// In the official code the product of unsigned extents is 0 for an empty box; here the product is never
-// negative.
+// In the official code the product of unsigned extents is 0 for an empty box; here the product is never negative.
 fn corner_tiles(w: ptr<function, Window>) -> vec4<i32> {
     var result = vec4<i32>(i32(view.columns), i32(view.rows), 0, 0);
     for (var k = 0; k < 3; k++) {

@@ -14,7 +14,7 @@ from msb.registry import (
 )
 from msb.scenes.datasets.rules import FAMILY, Rules
 
-# File names of viewers and editors, for files with Gaussians only.
+# File suffixes of Gaussian viewers and editors.
 SUFFIXES = (".spz", ".sog", ".splat", ".ksplat")
 
 METHOD = Method(

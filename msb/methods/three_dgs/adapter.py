@@ -55,15 +55,13 @@ def read_splats(place: Place, content: Content, options: Options, *, method: str
     declared = METHODS[method]
     axes = 2 if method == "two_dgs" else 3
     if gaussians.scale.shape[1] != axes:
-        text = (
-            f"its Gaussians have {gaussians.scale.shape[1]} axes; Gaussians of {declared.title} have {axes}"
-        )
+        text = f"its Gaussians have {gaussians.scale.shape[1]} axes; {declared.title} needs {axes} axes"
         raise CheckpointError("CHECKPOINT_LAYOUT", text, file=place.file)
     settings = Settings(method, options.settings)
     settings.add("sh_degree", gaussians.degree, "checkpoint", place.file)
     if gaussians.antialiased is not None and "antialiased" in declared.settings:
         settings.add("antialiased", gaussians.antialiased, "checkpoint", place.file)
-    # Only the output folder of a training has a config; other files normally have none.
+    # Only the output folder of a training has a config; single files normally have none.
     arguments, files, warnings = read_cfg_args(place.root)
     if not files and place.root == place.file.parent:
         warnings = []

@@ -148,7 +148,7 @@ def _read_sog_folder(path: Path) -> Gaussians:
 
     def read_member(name: str) -> bytes:
         if Path(name).name != name:
-            raise damaged(f'the file name "{shorten(name)}" in {_META} leaves the folder')
+            raise damaged(f'the file name "{shorten(name)}" in {_META} points outside the folder')
         return read_file(path.parent / name, _MAX_IMAGE_BYTES)
 
     return _decode_sog(read_member)

@@ -15,8 +15,7 @@ NEAREST = {"official": 0.2, "gsplat": 0.01}
 
 
 def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
-    """Return the arrays and settings of `asset` in the form that the kernels read; errors as in
-    `make_model`."""
+    """Return the model of `asset` for the kernels; raise the errors of `make_model`."""
     gaussians = activate(asset, 3)
     rows = [gaussians.mean, covariances(gaussians.deviation, gaussians.rotation)]
     culling = splat_culling(settings["rasterizer"])
@@ -40,8 +39,9 @@ def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
 def splat_culling(rasterizer: str) -> Culling:
     """Return the bounds outside which a rasterizer draws no Gaussian.
 
-    gsplat clamps the Jacobian 0.3 tan(fov / 2) beyond the edge of the image. The dilation covers this, even
-    if the principal point is not in the middle. A margin covers the low-pass filter and whole tiles.
+    gsplat evaluates the Jacobian at a point clamped to 0.3 tan(fov / 2) beyond the edge of the image. The
+    dilation allows for this clamp at any principal point. The margin allows for the low-pass filter and for
+    whole tiles.
     """
     dilation = 1.3 if rasterizer == "gsplat" else 1.0
     return Culling(nearest=NEAREST[rasterizer], dilation=dilation, margin=8.0)

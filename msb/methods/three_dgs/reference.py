@@ -32,7 +32,7 @@ MAX_ALPHA = 0.99
 MIN_COMPENSATION = 0.000025
 # Maximum extent of a Gaussian in standard deviations, by the rules of gsplat.
 MAX_EXTENT = 3.33
-# Minimum difference of the squares in the official formula for the radius.
+# Lower limit of the term under the square root in the official radius.
 MIN_SQUARE = 0.1
 _RULE = Rule(blends_crossing=False, weight_first=False)
 
@@ -64,10 +64,10 @@ def render(
     dtype: type[Any],
     modes: Modes,
 ) -> ReferenceFrame:
-    """Return the frame of `asset` from `camera`, as described at `render_reference`.
+    """Return the frame of `asset` from `camera`; see `render_reference`.
 
-    The depth of a Gaussian at a sample is the conditional mean of z at this sample, not the depth of the
-    Gaussian's centre.
+    The depth of a Gaussian at a sample is the conditional mean of z at this sample. The conditional mean
+    differs from the depth of the Gaussian's centre.
     """
     real, rasterizer = dtype, settings["rasterizer"]
     view = splatting_camera(camera, NEAR, FAR, dtype)
@@ -128,7 +128,7 @@ def _project(
     focal = size / (2 * view.tan_fov)
     # Slopes (x / z, y / z) of the mean, clamped 30 % beyond the edges of the image.
     low, high = -real(1.3) * view.tan_fov, real(1.3) * view.tan_fov
-    if rasterizer == "gsplat":  # in this rasterizer the clamp depends on the principal point
+    if rasterizer == "gsplat":  # gsplat clamps relative to the principal point
         middle, slack = size / 2 + view.shift, real(0.3) * view.tan_fov
         low, high = -(middle / focal + slack), (size - middle) / focal + slack
     tx = np.minimum(high[0], np.maximum(low[0], point[:, 0] / z)) * z
@@ -158,7 +158,7 @@ def _project(
 def _tiles(
     shapes: Projected, determinant: Reals, opacity: Reals, view: SplattingCamera, rasterizer: str
 ) -> tuple[Rectangles, NDArray[np.bool_]]:
-    """Return the tiles of N Gaussians, and a mask (N,) of further Gaussians that the rasterizer drops."""
+    """Return the tiles of N Gaussians, and a mask (N,) of Gaussians that the rasterizer drops here."""
     real, center = opacity.dtype.type, shapes.center
     xx, _, yy = shapes.covariance.T
     if rasterizer == "gsplat":
@@ -181,8 +181,8 @@ def official_tiles(center: Reals, radius: Reals, view: SplattingCamera) -> Recta
 
 
 def gsplat_tiles(center: Reals, extent: Reals, view: SplattingCamera) -> tuple[Rectangles, NDArray[np.bool_]]:
-    """Return the tiles of boxes with half sides of `extent` (N, 2), rounded up, and a mask of the boxes
-    that are outside."""
+    """Return the tiles of boxes around `center`, and a mask of the boxes outside the raster. `extent` (N, 2)
+    has the half sides of the boxes, which are rounded up."""
     grid, size = grid_size(view.width, view.height), np.array([view.width, view.height])
     radius = np.ceil(extent)
     low, high = center + center.dtype.type(0.5) - radius, center + center.dtype.type(0.5) + radius
@@ -192,7 +192,8 @@ def gsplat_tiles(center: Reals, extent: Reals, view: SplattingCamera) -> tuple[R
 
 
 def _combine(w: Reals, x: Reals, y: Reals, z: Reals) -> list[Reals]:
-    """Return three columns (N,): x, y and z (N,) times the rows of w (3, 3), summed in this order."""
+    """Return the three columns (N,) of the product (x, y, z) w, for a matrix w (3, 3). Terms are added in the
+    order x, y, z."""
     return [w[0, k] * x + w[1, k] * y + w[2, k] * z for k in range(3)]
 
 

@@ -1,6 +1,6 @@
-// 3DGS: Gaussians, projected by a local affine map. Sources: graphdeco-inria/diff-gaussian-rasterization at
-// 59f5f77: cuda_rasterizer/forward.cu, auxiliary.h; with GSPLAT the rules of nerfstudio-project/gsplat at
-// 90d7b4b.
+// 3DGS: Gaussians, projected by a local affine map.
+// Sources: graphdeco-inria/diff-gaussian-rasterization at 59f5f77: cuda_rasterizer/forward.cu, auxiliary.h;
+// with GSPLAT the rules of nerfstudio-project/gsplat at 90d7b4b.
 
 #include "splat_common.cl"
 #include "splat_color.cl"
@@ -20,9 +20,9 @@
 #define LOG2E 1.4426950408889634f
 
 // A row of `positions` has the mean, and xx, xy, xz, yy, yz, zz of the covariance; coverage is the opacity.
-// At a sample (dx, dy) from the mean the Gaussian is 2^(a dx^2 + b dx dy + c dy^2); alpha is below 1/255 if
-// the exponent is below `limit`. The density along the ray of a sample is largest at depth - rise . (dx,
-// dy).
+// At a sample (dx, dy) from the mean, the Gaussian is 2^(a dx^2 + b dx dy + c dy^2).
+// If the exponent is below `limit`, alpha is below 1/255.
+// The density along the ray of a sample is largest at depth - rise . (dx, dy).
 #define FACE_MEMBERS(REAL, INT)                                                                              \
     {                                                                                                        \
         REAL x, y, a, b, c, opacity, limit, depth, rise[2], color[3], unused[6];                             \
@@ -31,8 +31,8 @@
 typedef struct BY_EIGHTS Face FACE_MEMBERS(float, int) Face;
 typedef struct FACE_MEMBERS(real, mask) Faces;
 
-// Three points around the mean, at 3.4 standard deviations or more; splat_bounds.cl makes a sphere from
-// them. Beyond 3.33 standard deviations, alpha is below 1/255.
+// Three points around the mean, at 3.4 standard deviations or more; splat_bounds.cl makes a sphere from them.
+// Beyond 3.33 standard deviations, alpha is below 1/255.
 void corners_of(const size_t *rows, __global const float *positions, __global const uint *indices,
                 vec3 *corners)
 {
@@ -115,7 +115,8 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     real with_x = dot3(vp, ahead), with_y = dot3(vq, ahead);
     f->rise[0] = (yy * with_x - xy * with_y) * inverse;
     f->rise[1] = (xx * with_y - xy * with_x) * inverse;
-    real level = log2_fast(greater(255.0f * opacity, (real)1e-30f)); // negative if alpha never reaches 1/255
+    // negative if alpha is always below 1/255
+    real level = log2_fast(greater(255.0f * opacity, (real)1e-30f));
     f->limit = -level - 1e-4f;
 
     __constant float *full = view->full;
@@ -180,9 +181,9 @@ Columns columns_of(FACE_POINTER f, real x, __constant View *view)
 }
 
 #if LANES == 8
-// Returns which pairs of rows y, y + 1 (one pair per lane) contain a sample with an exponent of `limit` or
-// more. Only the eight columns from `left` on are tested. The largest exponent of a row is at dx = -b dy /
-// 2a, or at the nearer end of the row.
+// Returns which row pairs y, y + 1 (one per lane) contain a sample with an exponent of `limit` or more.
+// Only the eight columns from `left` on are tested.
+// The largest exponent of a row is at dx = -b dy / 2a, or at the nearer end of the row.
 mask reaches(FACE_POINTER f, float left, real y)
 {
     float far = f->x - left, near = far - 7.0f, turn = -0.5f * f->b / f->a;

@@ -1,6 +1,7 @@
-// 3DGS: Gaussians, projected by a local affine map. This file translates three_dgs.cl for graphics
-// hardware; the comments there explain more. Sources: graphdeco-inria/diff-gaussian-rasterization at
-// 59f5f77: cuda_rasterizer/forward.cu, auxiliary.h; nerfstudio-project/gsplat at 90d7b4b.
+// 3DGS: Gaussians, projected by a local affine map.
+// This file translates three_dgs.cl for graphics hardware; the comments there explain more.
+// Sources: graphdeco-inria/diff-gaussian-rasterization at 59f5f77: cuda_rasterizer/forward.cu, auxiliary.h;
+// nerfstudio-project/gsplat at 90d7b4b.
 
 const STOP = 1e-4; // a Gaussian that would lower the transmittance T below this value is not blended
 const MAX_ALPHA = 0.99;

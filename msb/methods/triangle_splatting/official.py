@@ -14,7 +14,7 @@ SUFFIXES = (".off",)
 
 
 def write(asset: Asset, path: Path) -> None:
-    """Write COFF with merged vertices and face colours; all SH degrees are evaluated for a camera at the
+    """Write COFF with merged vertices and face colours. All SH degrees are evaluated for a camera at the
     world's origin.
 
     The format follows trianglesplatting/triangle-splatting at 685ff27: create_off.py.

@@ -37,7 +37,7 @@ def render(
     dtype: type[Any],
     modes: Modes,
 ) -> ReferenceFrame:
-    """Return the frame of `asset` from `camera`, as described at `render_reference`."""
+    """Return the frame of `asset` from `camera`; see `render_reference`."""
     view = splatting_camera(camera, NEAR, FAR, dtype)
     vertices = triangles(asset, dtype)
     faces = len(vertices)
@@ -91,8 +91,8 @@ def points_seen(vertices: Reals, view_dir: str) -> Reals:
     """Return the points (F, 3) that define the view directions of triangles (F, 3 corners, 3).
 
     "broadcast_z" returns (g_z, g_z, g_z), where g_z is the world z of the centroid. The official kernel was
-    meant to use the centroid, but its expression copies the last component to all three. Trained
-    coefficients are therefore correct only with this direction.
+    meant to use the centroid. Because of an error in an expression, the kernel uses the centroid's z for x, y
+    and z. Models are trained with this error, so their coefficients need the same direction.
     """
     center = centroid(vertices)
     return np.repeat(center[:, 2:], 3, axis=1) if view_dir == "broadcast_z" else center
@@ -122,8 +122,8 @@ def contour_tiles(windows: Windows, opacity: Reals, sigma: Reals, view: Splattin
         x = -(t * m[:, 1] - s * n[:, 1]) / determinant
         y = -(s * n[:, 0] - t * m[:, 0]) / determinant
         corner = np.stack([x, y], axis=-1)
-        # The official test compares with a double-precision number. For the last pair of edges the
-        # comparison is reversed, so NaN skips that pair.
+        # The official test compares with a double-precision number. The comparison of the last pair of edges
+        # is reversed, so a NaN skips this pair.
         size = np.abs(determinant).astype(np.float64)
         skipped = ~(size > MIN_DETERMINANT) if current == 0 else size < MIN_DETERMINANT
         use = ~skipped[:, None]

@@ -1,5 +1,5 @@
-"""Triangle Splatting+: the predecessor of MeshSplatting. The file layout and the image formation of
-Triangle Splatting+ nearly equal those of MeshSplatting."""
+"""Triangle Splatting+ is the predecessor of MeshSplatting. The two methods have nearly the same file layout
+and image formation."""
 
 from dataclasses import replace
 

@@ -12,8 +12,7 @@ from msb.render.splat.model import SplatModel, contour
 
 
 def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
-    """Return the arrays and settings of `asset` in the form that the kernels read; errors as in
-    `make_model`."""
+    """Return the model of `asset` for the kernels; raise the errors of `make_model`."""
     model = native.splat_model(asset, settings)
     shrunk = contour(model.coverage[:, 0], np.float32(settings["sigma"]))
     # The tiles and the margin are computed as in Triangle-Splatting.

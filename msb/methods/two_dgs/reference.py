@@ -30,17 +30,18 @@ from msb.reference.tiles import Integers, Modes
 from msb.scenes import Camera
 from msb.splats.primitive import Activated, activate
 
-# Radius, in standard deviations, of the disc inside the official box, and of the disc inside gsplat's box.
+# The official box encloses a disc of 3 standard deviations; gsplat's box encloses a disc of 1 standard
+# deviation.
 CUTOFF = {"official": 3.0, "gsplat": 1.0}
 # Standard deviation of the low-pass filter, in samples.
 FILTER = 0.707106
-# Minimum square of half a side of the box, in square samples.
+# Lower limit of the squared half side of a box, in square samples.
 MIN_SQUARE = 1e-4
 _RULE = Rule(blends_crossing=False, weight_first=True)
 
 
 class Rays(NamedTuple):
-    """The points where rays meet the planes of discs: u and v in standard deviations, the depth, and the
+    """The intersections of rays with the planes of discs: u and v in standard deviations, the depth, and the
     divisor of u."""
 
     u: Reals
@@ -57,7 +58,7 @@ def render(
     dtype: type[Any],
     modes: Modes,
 ) -> ReferenceFrame:
-    """Return the frame of `asset` from `camera`, as described at `render_reference`.
+    """Return the frame of `asset` from `camera`; see `render_reference`.
 
     The depth of a disc at a sample is the depth of the point where the ray meets the disc.
     """
@@ -126,8 +127,8 @@ def render(
 
 
 def _homography(discs: Activated, view: SplattingCamera) -> tuple[Reals, Reals, Reals]:
-    """Return Tu, Tv, Tw (N, 3). The products of Tu, Tv, Tw with (u, v, 1) are x depth, y depth and depth,
-    where x and y are in samples."""
+    """Return Tu, Tv, Tw (N, 3). The products of Tu, Tv and Tw with (u, v, 1) are x times depth, y times
+    depth, and depth. The positions x and y are in samples."""
     full, real = view.full_projection, discs.mean.dtype.type
     columns = [*(discs.rotation[:, :, k] * discs.deviation[:, k : k + 1] for k in range(2)), discs.mean]
 
@@ -142,8 +143,8 @@ def _homography(discs: Activated, view: SplattingCamera) -> tuple[Reals, Reals, 
 
 
 def _find_box(tu: Reals, tv: Reals, tw: Reals, cutoff: Any) -> tuple[Reals, Reals, NDArray[np.bool_]]:
-    """Return middle and half sides (N, 2) of the box around discs of radius `cutoff`, and a mask of the
-    existing boxes."""
+    """Return the centres and half sides (N, 2) of the boxes around N discs of radius `cutoff`. Also return a
+    mask of the discs that have a box."""
     real = tw.dtype.type
     t = np.array([cutoff * cutoff, cutoff * cutoff, -1], real)
     d = dot(np.broadcast_to(t, tw.shape), tw * tw)

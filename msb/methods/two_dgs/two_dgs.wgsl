@@ -1,6 +1,7 @@
-// 2DGS: Gaussian discs that are intersected with the ray of each sample. This file translates two_dgs.cl
-// for graphics hardware; the comments there explain more. Sources: hbb1/diff-surfel-rasterization at
-// e0ed020: cuda_rasterizer/forward.cu, auxiliary.h; nerfstudio-project/gsplat at 90d7b4b.
+// 2DGS: Gaussian discs that are intersected with the ray of each sample.
+// This file translates two_dgs.cl for graphics hardware; the comments there explain more.
+// Sources: hbb1/diff-surfel-rasterization at e0ed020: cuda_rasterizer/forward.cu, auxiliary.h;
+// nerfstudio-project/gsplat at 90d7b4b.
 
 const STOP = 1e-4; // a disc that would lower the transmittance T below this value is not blended
 const MAX_ALPHA = 0.99;
@@ -31,8 +32,8 @@ fn point_seen(rows: vec3<u32>) -> vec3<f32> { return position(rows.x); }
 
 fn linear(row: vec4<f32>, v: vec3<f32>) -> f32 { return dot3(row.xyz, v); }
 
-// Computes the box around a disc with this squared radius. The box does not exist if `divisor` is 0; if
-// `divisor` is not negative, the camera's plane cuts the disc.
+// Computes the box around a disc with this squared radius.
+// The box does not exist if `divisor` is 0; if `divisor` is not negative, the camera's plane cuts the disc.
 struct DiscBox {
     middle: vec2<f32>,
     squares: vec2<f32>, // squares of half the sides
@@ -96,8 +97,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     }
     let extent = vec2<f32>(root(greater(box.squares.x, LEAST)), root(greater(box.squares.y, LEAST)));
 
-    // The samples with an alpha of 1/255 or more, of the disc, and of the filter around the middle of the
-    // official box.
+    // The samples with an alpha of 1/255 or more, of the disc, and of the filter around the middle of the official box.
     let limit = 2.0 / LOG2E * log2(greater(mul(255.0, opacity), 1e-30)) + 1e-3;
     let reach = disc_box(p, q, r, greater(limit, 0.0));
     let far = dot2(reach.middle, reach.middle);

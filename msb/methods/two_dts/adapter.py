@@ -24,8 +24,7 @@ from msb.meshes.ply_table import PlyTable
 KEYS = ("_vertex", "_opacity", "_f_dc", "_f_rest")
 _CORNERS = tuple(f"{axis}{corner}" for corner in (1, 2, 3) for axis in "xyz")
 _PLY_NAMES = (*_CORNERS, "opacity", "f_dc_0", "f_dc_1", "f_dc_2")
-# For each setting, its key in the section "model" of a configuration, and the official default for a
-# missing key.
+# The configuration key of each setting in the section "model", and the official default of the setting.
 _UPSTREAM: dict[str, tuple[str, Any]] = {
     "rasterizer": ("rasterizer_type", "3D"),
     "sh_degree": ("max_sh_degree", None),
@@ -150,7 +149,7 @@ def _table_tensors(table: PlyTable, file: Path, check_values: bool) -> Tensors:
 
 
 def _buffers(tensors: Tensors, prefix: str) -> tuple[dict[str, NDArray[Any]], int]:
-    """Return the buffers and the SH degree; keys of a checkpoint begin with an underscore."""
+    """Return the buffers and the SH degree. `prefix` is "_" for a checkpoint and empty for a PLY."""
     vertices = tensors.floats(f"{prefix}vertex", "N", 3, 3)
     opacity = tensors.floats(f"{prefix}opacity", "N", 1, infinite=True)
     f_dc = tensors.floats(f"{prefix}f_dc", "N", 1, 3)
@@ -179,10 +178,10 @@ def _configure(settings: Settings, model: dict[str, Any], degree: int, file: Pat
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """A YAML loader that rejects aliases. Configurations use no aliases, which can grow exponentially.
+    """A YAML loader that rejects aliases. Aliases can make a small file expand exponentially, and training
+    configurations have none.
 
-    The loader also limits the length of integers and the nesting, because the library recurses for each
-    level.
+    Long integers and deep nesting are also rejected, because the YAML library is recursive.
     """
 
     _depth = 0
@@ -205,8 +204,8 @@ class _PlainLoader(yaml.SafeLoader):
 def read_config(root: Path, given: Path | None) -> tuple[dict[str, Any], tuple[Path, ...], list[Finding]]:
     """Return the configuration of a 2DTS training, the files read, and warnings.
 
-    The first existing file is used: the file `given`, a YAML file in the output folder `root`, or the
-    latest text log in ``root/log``. The result has the nesting of the file, ``{"model": {...}, "trainer":
+    The first existing file is used, in this order: `given`, a YAML file in the output folder `root`, the
+    latest text log in ``root/log``. The result is a nested dictionary such as ``{"model": {...}, "trainer":
     {...}}``.
     """
     if given is not None:

@@ -21,7 +21,7 @@ _CHUNK = 1 << 16
 def rescale(positions: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
     """Return triangles (3 F, 3), shrunk about their centroids.
 
-    With this factor the total opacity is the same for every gamma.
+    The factor keeps the total opacity equal for every gamma.
 
     The scale factor is 1 / sqrt(2^b b Gamma(b)) with b = 1 / gamma, computed in double and rounded
     (GaodeRender/triangle-splatting: src/diff_recon/models/VanillaTS_model.py).
@@ -50,8 +50,7 @@ def reach(opacity: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
 
 
 def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
-    """Return the arrays and settings of `asset` in the form that the kernels read; errors as in
-    `make_model`."""
+    """Return the model of `asset` for the kernels; raise the errors of `make_model`."""
     require(asset, "opacity", "encoding", "logit")
     positions = soup_positions(asset)
     if settings["gamma_rescale"]:
@@ -59,7 +58,7 @@ def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
     opacity = sigmoid(required_buffer(asset, "opacity", asset.manifest.face_count))
     if settings["ste_threshold"] is not None:
         step = (opacity > np.float32(settings["ste_threshold"])).astype(np.float32)
-        # this official expression may give a neighbouring float instead of 1
+        # float32 rounding may give a value just beside 1, as in the official code
         opacity = (step - opacity) + opacity
     return SplatModel(
         program="two_dts",

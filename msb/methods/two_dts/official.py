@@ -47,7 +47,8 @@ def write(asset: Asset, path: Path) -> None:
 
 
 def _in_box(asset: Asset) -> NDArray[np.bool_]:
-    """Return which centroids are in the scene box or on its bounds; without a box, all centroids count."""
+    """Return which centroids are in the scene box or on its bounds. Without a box, return True for all
+    centroids."""
     centroids = asset.buffers["positions"].reshape(-1, 3, 3).mean(axis=1)
     inside = np.ones(len(centroids), bool)
     for number, axis in enumerate("xyz"):

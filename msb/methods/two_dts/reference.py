@@ -39,7 +39,7 @@ from msb.scenes import Camera
 NEAR, FAR = 1.0, 1000.0
 # Minimum divisor and minimum area of the official kernels.
 EPS = 1e-8
-# The bounds of a triangle are this many times as far from the centroid as its corners are.
+# Ratio of the bounds of a triangle to the triangle, both measured from the centroid.
 DILATION = 3
 # Upper limits of alpha and of the eccentricity.
 MAX_ALPHA = 0.99
@@ -55,7 +55,7 @@ def render(
     dtype: type[Any],
     modes: Modes,
 ) -> ReferenceFrame:
-    """Return the frame of `asset` from `camera`, as described at `render_reference`."""
+    """Return the frame of `asset` from `camera`; see `render_reference`."""
     scale = settings["render_up_scale"] or 1
     view = splatting_camera(camera, NEAR, FAR, dtype, scale)
     stored = triangles(asset, dtype)
@@ -113,7 +113,7 @@ def render(
 def rescale(vertices: Reals, gamma: float) -> Reals:
     """Return triangles (F, 3, 3), shrunk about their centroids.
 
-    With this factor the total opacity is the same for every gamma.
+    The factor keeps the total opacity equal for every gamma.
 
     The scale factor is 1 / sqrt(2^b b Gamma(b)) with b = 1 / gamma, computed in double and rounded.
     """
@@ -126,7 +126,7 @@ def rescale(vertices: Reals, gamma: float) -> Reals:
 def straight_through(opacity: Reals, threshold: float) -> Reals:
     """Return 1 for opacities above the threshold, otherwise 0.
 
-    Instead of 1, the official expression may give a neighbouring float.
+    Rounding may give a float next to 1, as in the official expression.
     """
     step = (opacity > opacity.dtype.type(threshold)).astype(opacity.dtype)
     return np.asarray((step - opacity) + opacity)
@@ -161,7 +161,7 @@ def bounds(points: Reals, width: int, height: int) -> tuple[Rectangles, Reals]:
 def project(points: Reals, view: SplattingCamera) -> Reals:
     """Return normalised device coordinates of points (..., 3); the divisor is |w| + eps instead of w.
 
-    A point behind the camera therefore has a negative z and fails the near test.
+    Points behind the camera therefore have a negative z and fail the near test.
     """
     h = transform(view.full_projection, points)
     return np.asarray(h[..., :3] * (1 / (np.abs(h[..., 3:]) + h.dtype.type(EPS))))
@@ -191,7 +191,7 @@ class AffineRasterizer:
         length = norm(normal)
         self.dropped |= length < eps
         self.normal = normal / length[:, None]
-        # Subtract the projected centroid from the corners, and move them outwards by half a sample.
+        # Subtract the projected centroid from the corners. Then move the corners outwards by half a sample.
         z = self.depth[:, None, None]
         flat = (arms[..., :2] - arms[..., 2:] * clamped[:, None] / z) / (z * view.tan_fov)
         reach = norm(flat)[..., None]
@@ -279,15 +279,16 @@ class PlanarRasterizer:
 
 
 class EngineRasterizer:
-    """Both rasterizers with engine sampling: in hardware, with exact perspective, without a low-pass filter.
+    """Draws the triangles of both rasterizers by the rules of graphics hardware: exact perspective, no
+    low-pass filter.
 
 
-    Hardware generates no fragments outside a triangle, but this method's coverage extends beyond its edges.
-    Therefore the triangles are enlarged about their centroids until they contain their whole coverage. A
-    vertex shader can enlarge the triangles.
+    Graphics hardware draws nothing outside a triangle, but the falloff of this method extends beyond the
+    edges. Each triangle is enlarged about its centroid until it contains the whole falloff. An engine can do
+    this in a vertex shader.
 
-    `AffineRasterizer` explains the attributes; an official radius is missing. The function `reach` computes
-    `reached` (F,).
+    `AffineRasterizer` explains the attributes. The attribute `radius` is 0. Pass the result of the function
+    `reach` as `reached` (F,).
     """
 
     def __init__(self, vertices: Reals, view: SplattingCamera, back_culling: bool, reached: Reals) -> None:

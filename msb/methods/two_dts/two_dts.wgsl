@@ -1,6 +1,6 @@
-// 2DTS: a triangle soup with a Gaussian-like falloff of global sharpness gamma, and two rasterizers. This
-// file translates two_dts.cl for graphics hardware; the comments there explain more. Sources:
-// GaodeRender/triangle-splatting at 54c80f7: submodules/diff-triangle-rasterization-2D and -3D:
+// 2DTS: a triangle soup with a Gaussian-like falloff of global sharpness gamma, and two rasterizers.
+// This file translates two_dts.cl for graphics hardware; the comments there explain more.
+// Sources: GaodeRender/triangle-splatting at 54c80f7: submodules/diff-triangle-rasterization-2D and -3D:
 // src/forward.cu, src/auxiliary.h.
 
 const EPS = 1e-8;
@@ -19,8 +19,8 @@ struct Face {
 }
 #else
 #if PLANAR
-// The vector from corner 1 in camera space to a point of the plane, times dual2 and dual3, gives barycentric
-// coordinates 2 and 3.
+// The vector from corner 1 in camera space to a point of the plane gives two barycentric coordinates.
+// The product of this vector and dual2 is coordinate 2, and the product with dual3 is coordinate 3.
 struct Face {
     quad: vec4<f32>,
     corner: vec4<f32>, // then the product of corner 1 and the normal
@@ -57,8 +57,8 @@ fn color_face(number: u32, face: ptr<function, Face>) {
 #endif
 
 #if ENGINE
-// Hardware generates no fragments outside a triangle, but this method's coverage extends beyond its edges.
-// Therefore the triangles are enlarged about their centroids until they contain their whole coverage.
+// Graphics hardware draws nothing outside a triangle, but the falloff of this method extends beyond the edges.
+// Therefore each triangle is enlarged about its centroid until it contains the whole falloff.
 fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     let limit = coverage[COVERAGE * number + 1u];
     var corners = positions_of(corners_of(number));
@@ -77,8 +77,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
 }
 #else
 
-// The divisor is |w| + eps instead of w, so a point behind the camera has a negative z and fails the near
-// test.
+// The divisor is |w| + eps instead of w, so a point behind the camera has a negative z and fails the near test.
 fn to_ndc(p: vec3<f32>) -> vec3<f32> {
     let inverse = div(1.0, add(abs(affine(view.full[3], p)), EPS));
     return vec3<f32>(mul(affine(view.full[0], p), inverse), mul(affine(view.full[1], p), inverse),
@@ -124,13 +123,12 @@ fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, F
     (*face).dual2 = vec4<f32>(scale3(cross3(sub3(r, p), normal), scale), 0.0);
     (*face).dual3 = vec4<f32>(scale3(cross3(normal, sub3(q, p)), scale), limit);
     (*face).normal = vec4<f32>(normal, 0.0);
-    // The box is not smaller than the tiles, because samples are scattered if the plane is seen edge-on.
+    // The box is as large as the tiles, because covered samples are scattered if the plane is seen edge-on.
     result.samples = vec4<i32>(0, 0, i32(view.width) - 1, i32(view.height) - 1);
     return result;
 }
 #else
-// The "2D" rasterizer: perspective is linearised at the centroid, and corners are moved outwards by half a
-// sample.
+// The "2D" rasterizer: perspective is linearised at the centroid, and corners are moved outwards by half a sample.
 fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, Face>) -> Projected {
     var result: Projected;
     let center = center_of(corners[0], corners[1], corners[2]);
@@ -179,8 +177,8 @@ fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, F
     (*face).x.w = div(1.0, area);
     (*face).z.w = limit;
 
-    // The points of eccentricity E form the triangle enlarged E times about its centroid. In thin
-    // triangles, rounding moves samples by up to `noise`, so samples outside any tight box can be covered.
+    // The points of eccentricity E form the triangle enlarged E times about its centroid.
+    // In thin triangles, rounding moves samples by up to `noise`, so samples outside any tight box can be covered.
     let low = min(min(u[0], u[1]), u[2]);
     let high = max(max(u[0], u[1]), u[2]);
     let across = limit * max(high.x - low.x, high.y - low.y) + 16.0;
@@ -198,7 +196,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     var result = project_shape(positions_of(corners_of(number)), limit, face);
     result.kept = result.kept && result.tiles.z > result.tiles.x && result.tiles.w > result.tiles.y;
     if (limit < 0.0) {
-        result.samples.z = -1; // kept like in the official code, but not visible anywhere
+        result.samples.z = -1; // the official code keeps such faces, but they are visible nowhere
     }
 #if PLANAR
     (*face).dual2.w = coverage[COVERAGE * number];
@@ -237,8 +235,7 @@ fn cover(face: Face, x: f32, y: f32) -> Seen {
     let h = f32(view.height);
     let ray = vec2<f32>(view.tan_fov.x * ((2.0 * (x - view.shift.x) - w + 1.0) / w),
                         view.tan_fov.y * ((2.0 * (y - view.shift.y) - h + 1.0) / h));
-    // If the plane is nearly edge-on, the terms of this sum cancel, and z is only as precise as their
-    // rounding.
+    // If the plane is nearly edge-on, the terms of this sum cancel, and z is only as precise as their rounding.
     let slope = keep(keep(ray.x * face.normal.x) + keep(ray.y * face.normal.y)) + face.normal.z;
     let z = face.corner.w / slope;
     let d = vec3<f32>(z * ray, z) - face.corner.xyz;

@@ -32,9 +32,7 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene
 
-_SCENE_CONFLICT = (
-    "cannot be used with --scene, which draws the evaluation views of the scene at their evaluation size"
-)
+_SCENE_CONFLICT = "cannot be used with --scene, which sets the views and the image size"
 
 
 @dataclass(frozen=True)
@@ -130,9 +128,9 @@ def render(
 ) -> None:
     """Render an asset: images, and depths and face ids if requested.
 
-    Each image is named after its camera. PNG stores floor(255 c + 0.5) of the clamped colour c; npy and exr
-    store the rendered floats, neither clamped nor rounded. The printed hash covers the floats of all
-    images. The hash is reproducible on one device with fixed versions.
+    Each image is named after its camera. PNG stores floor(255 c + 0.5) of the clamped colour c. The formats
+    npy and exr store the rendered floats unchanged. The printed hash covers the floats of all images. The
+    hash is reproducible on one device with fixed versions.
     """
     from msb.api.command_files import open_asset
     from msb.render import Renderer
@@ -225,7 +223,7 @@ def _make_cameras(asset: Asset, options: RenderOptions, views: ViewOptions, outp
 
 
 def _note_training(asset: Asset, scene: Scene, path: Path, output: Output) -> None:
-    """Print how the training differed from the scene, without repeating warnings of the asset."""
+    """Print the differences between the training and the scene, except those in the warnings of the asset."""
     from msb.scenes.datasets import compare_training, stated_background
 
     reported = {warning.message for warning in asset.warnings}
@@ -279,7 +277,7 @@ class _Images:
             {"camera": camera, "tier": tier, "index": f"{index:05d}"}
             for index, camera in enumerate(image_names(views))
         ]
-        # Parts at odd positions were names in braces; parts at even positions are the text between names.
+        # `parts` alternates between literal text (even positions) and names from braces (odd positions).
         return ["".join(row[part] if i % 2 else part for i, part in enumerate(parts)) for row in values]
 
     def place(self, name: str, kind: str) -> Path:

@@ -1,6 +1,6 @@
 """From projected primitives to depth order and tile lists, entirely on the device.
 
-The host reads only two counts: the number of listed faces, and the total length of all lists. The total
+The host reads only two numbers: the number of listed faces, and the total length of all lists. The total
 length decides how much memory the lists need.
 """
 
@@ -26,10 +26,10 @@ SETTLED = 1024
 class Projected(NamedTuple):
     """The buffers that the kernel `project` writes for F faces.
 
-    Each face that at least one tile lists has a position in `faces` (the record for blending), `keys` (its
-    depth) and `tiles` (its rectangle of tiles). The positions of a work-item begin at the row of its first
-    face. `listed` counts the listed faces of each work-item. `visible` marks the rows whose faces pass the
-    official culling.
+    A face is listed if its tile rectangle is not empty. A listed face has a position in three arrays: `faces`
+    (the record for blending), `keys` (its depth) and `tiles` (its tile rectangle). The positions of a
+    work-item begin at the row of its first face. `listed` counts the listed faces of each work-item.
+    `visible` marks the rows whose faces pass the official culling.
     """
 
     faces: Buffer
@@ -56,8 +56,8 @@ class DepthSort:
     """Sorts the positions of listed faces into blending order: by depth, and by face number at equal depth.
 
     The official sort is stable, so faces of equal depth keep the order of their numbers. With order "none"
-    faces are sorted by number only. `by_rows` tells whether the rows on the device are in the order of the
-    face numbers (as stored) or in the order of `msb.render.splat.order`.
+    faces are sorted by number only. `by_rows` tells whether the rows on the device are ordered by face
+    number, or sorted by `msb.render.splat.order`.
     """
 
     def __init__(self, device: Device, program: Program, order: Order) -> None:
@@ -74,8 +74,8 @@ class DepthSort:
         order = self._by_depth(depths, places)
         if self.by_rows or self._settle(projected, *order):
             return order[1]
-        # Too many depths are equal, for example in a plane parallel to the image, so sort by number first,
-        # then stably by depth.
+        # If too many depths are equal, sort by number first, then stably by depth. Depths are equal in a
+        # plane parallel to the image.
         places = self._by_number(projected, depths, places)
         arguments = places, projected.keys, depths, np.uint32(places.size)
         self._program.depths_of(places.size, WORK_GROUP, *arguments)
@@ -115,7 +115,7 @@ def bin_faces(
     items = projected.listed.size
     with device.stage("sort"):
         before = device.scratch("splat listed before", items + 1, np.uint32)
-        # A work-item's slots in the compacted arrays begin after the faces that earlier work-items listed.
+        # The scan gives the first slot of each work-item in the compacted arrays.
         exclusive_scan(device, projected.listed, before)
         listed = int(before.read(start=items)[0])
         keys = device.scratch("splat depth keys", listed, np.uint32)
@@ -143,8 +143,8 @@ def _count_and_fill(
     starts = device.scratch("splat tile starts", tiles + 1, np.uint64)
     sizes = np.uint32(listed), np.uint32(chunk), np.uint32(columns), np.uint32(tiles)
     ordered = device.scratch("splat ordered tiles", (max(listed, 1), 4), np.uint16)
-    # Count the entries of each chunk in each tile. Sums over chunks and tiles give the start of the list of
-    # each tile.
+    # Count the entries of each chunk in each tile. The sums of these counts give the start of each tile's
+    # list.
     program.count_tiles(chunks, 1, order, projected.tiles, ordered, counts, *sizes)
     program.sum_tiles(tiles, WORK_GROUP, counts, totals, np.uint32(chunks), np.uint32(tiles))
     exclusive_scan(device, totals, starts, tiles)
@@ -167,7 +167,7 @@ def _sort_by_tile(
     exclusive_scan(device, counts, offsets, listed)
     pairs = int(offsets.read(start=listed)[0])
     if pairs > MOST:
-        text = f"the image needs {pairs} pairs of tile and face; {MOST} can be sorted: render a smaller image"
+        text = f"the image needs {pairs} tile pairs, but at most {MOST} can be sorted; render a smaller image"
         raise DeviceError("DEVICE_MEMORY", text)
     starts = device.scratch("splat tile starts", tiles + 1, np.uint64)
     pair_tiles = device.scratch("splat pair tiles", max(pairs, 1), np.uint32)

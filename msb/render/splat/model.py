@@ -1,8 +1,7 @@
 """The model that the splatting pipeline draws, and helper functions that build one from an asset.
 
 The module `native` of a method has a function ``splat_model(asset, settings)`` that returns a `SplatModel`.
-The only kernel file of the method is in the same folder; the head of `splat_stages.cl` describes its
-contents.
+The method's only kernel file is in the same folder. The head of `splat_stages.cl` describes its contents.
 """
 
 from collections.abc import Mapping
@@ -22,8 +21,8 @@ Settings = Mapping[str, Any]
 
 # Near plane of the engine sampling in scene units, equal to the near plane of the standard tier.
 ENGINE_NEAR = 0.01
-# Natural logarithm below which a float32 power is 0; the smallest float32 is exp(-103.3). Computing such
-# tiny powers is slow, and the small sigmas of trained models make most powers tiny.
+# If the natural logarithm of a power is below this value, the float32 power is 0. The smallest float32 is
+# exp(-103.3). These tiny powers are slow to compute, and small sigmas produce many of them.
 _LEAST = -105.0
 # Culling with engine sampling: faces are clipped at the near plane, and extend no farther than their corners.
 CLIPPED = Culling(nearest=ENGINE_NEAR, dilation=1.0, clipped=True)
@@ -85,8 +84,8 @@ class SplatModel:
     def pixel_samples(self) -> tuple[int, int]:
         """The first and the last sample along each axis that are averaged into a pixel.
 
-        With `box_mean`, all samples of the pixel are averaged. Without `box_mean`, only the one or two
-        samples in the pixel's middle are averaged, which gives bilinear interpolation at its centre.
+        With `box_mean`, all samples of the pixel are averaged. Without `box_mean`, a pixel is the mean of the
+        one or two middle samples. This is bilinear interpolation at its centre.
         """
         return (0, self.scale - 1) if self.box_mean else ((self.scale - 1) // 2, self.scale // 2)
 
@@ -96,11 +95,11 @@ def rim(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float32) -
     face.
 
     A face with opacity o has alpha = o phi^sigma, where phi is 0 on its edges and 1 at its incentre.
-    Samples with a smaller phi are skipped, so the result is slightly reduced to allow for rounding.
+    The result is slightly reduced to allow for rounding, because samples with a smaller phi are skipped.
     """
     share = 1 / (255.0 * np.maximum(opacity, 1e-30).astype(np.float64))
     limit = np.where(share < 1.0001, np.float32(0), np.float32(2))
-    # In float32 sigma may be 0; phi^0 is 1 in the whole face.
+    # If sigma is 0, phi^0 is 1 in the whole face.
     with np.errstate(divide="ignore"):
         power = np.broadcast_to(1 / np.asarray(sigma, np.float64), share.shape)
         near = (share >= np.exp(_LEAST / power)) & (share < 1.0001)

@@ -1,9 +1,9 @@
 """The faces of a model on the device, in an order that makes rendering fast, and their bounding spheres.
 
 Checkpoints store faces in the order of training, so the faces in view are scattered over the whole memory.
-This module sorts faces along a space-filling curve; in triangle soups, faces of similar size also become
-neighbours. Results do not change: faces keep their numbers, and faces of equal depth are blended in the
-order of the asset.
+This module sorts faces along a space-filling curve. In triangle soups, faces of similar size also become
+neighbours. Results do not change. Faces keep their numbers, and faces of equal depth are blended in the order
+of the asset.
 """
 
 from collections.abc import Iterator, Mapping
@@ -22,12 +22,12 @@ from msb.render.splat.bins import LANES, WORK_GROUP
 
 # Number of faces that share a bounding sphere in CPU style.
 FACE_GROUP = 64
-# Bits of a sort key for each axis. Three axes take 54 of 64 bits, which leaves room for the exponent of the
+# Bits of a sort key for each axis. Three axes take 54 of 64 bits. The other bits are for the exponent of the
 # face size.
 _AXIS_BITS = 18
 # Bits of a sort key for the face size, which is the exponent of the inradius.
 _SIZE_BITS = 8
-# Number of rows that are permuted at a time; they fit into the processor's cache.
+# Number of rows that are permuted at a time; this number of rows fits into the processor's cache.
 _PIECE = 1 << 14
 # Placeholder for an array that the kernels of a method do not read.
 _NOTHING = np.zeros(1, np.float32)
@@ -56,9 +56,9 @@ def few_frames() -> Iterator[None]:
 def keep_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays) -> None:
     """Keep a model of `count` faces on the device in stored order.
 
-    The scope receives every array under its name. The scope also receives "numbers" (uint32, the face
-    number of each row), "bounds" and, in CPU style, "groups"; splat_bounds.cl describes the last two.
-    `program` is the method's program.
+    The scope receives every array under its name. The scope also receives "numbers", the face number of each
+    row as uint32. The scope further receives "bounds" and, in CPU style, "groups", which splat_bounds.cl
+    describes. `program` is the method's program.
     """
     kept, device = scope.kept, scope.device
     for name, array in arrays.items():
@@ -78,8 +78,8 @@ def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays
 
     In a triangle soup all per-face arrays are permuted together. In an indexed mesh the index rows are
     permuted, and the vertex arrays are sorted along the same curve. The kept model becomes a copy in
-    memory, even if its arrays were mapped files. If the memory is too small for a copy, or within
-    `few_frames`, the model is left unchanged and the result is False.
+    memory, even if its arrays were mapped files. The function returns False, and changes nothing, within
+    `few_frames` or if memory is too small for a copy.
     """
     if _few.get():
         return False
@@ -121,7 +121,7 @@ def _round_to_lanes(device: Device, count: int) -> int:
 
 
 def _compute_bounds(scope: DeviceScope, program: Program, count: int) -> None:
-    """Compute the bounding spheres of faces and groups; they cull most faces outside the view."""
+    """Compute the bounding spheres of faces and groups of faces, which cull most faces outside the view."""
     kept, style = scope.kept, scope.device.style
     bounds = kept["bounds"]
     faces, stride = np.uint32(count), np.uint32(bounds.shape[1])

@@ -32,8 +32,9 @@ from msb.scenes import Camera
 # Number of faces that a work-item projects. On a CPU, more faces amortise the buffers of a work-item, but
 # work-items must outnumber threads by far.
 _CHUNK = {"cpu": 4096, "gpu": 1}
-# Memory for a band of raster rows in bytes: per compute unit of a CPU (the size of its cache), or in total
-# on a GPU. Planes of samples exist for one band at a time, because 4 x 4 samples of an 8K frame take 10 GB.
+# Memory for a band of raster rows in bytes. For a CPU, the number is the size of a compute unit's cache. For
+# a GPU, the number is the total memory. Only one band of samples exists at a time, because 4 x 4 samples of
+# an 8K frame take 10 GB.
 _BAND_BYTES = {"cpu": 2 << 20, "gpu": 256 << 20}
 # Maximum number of band records that stay on the device from frame to frame.
 _MOST_RECORDS = 1024
@@ -53,7 +54,7 @@ _SPREAD_PLANES = ("red", "green", "blue", "share")
 
 
 class _Listed(NamedTuple):
-    """A camera's `View` record, the projected faces, and their lists for columns x rows of tiles."""
+    """The `View` record of a camera, the projected faces, and the lists of faces of all tiles."""
 
     view: Buffer
     projected: Projected
@@ -84,12 +85,12 @@ class SplattingPipeline(OnDevice):
     order : {"tile", "global", "none"}
         "tile" is the official order. "global" sorts by depth, and draws a primitive wherever it extends,
         not only in its official tiles. "none" draws in the stored order, like an engine without sorting.
-        sampling : {"official", "engine"} "engine" generates fragments like graphics hardware; see
-        docs/dedicated.md.
+    sampling : {"official", "engine"}
+        "engine" generates fragments like graphics hardware; see docs/dedicated.md.
     early_stop, exact_tiles : bool
-        Whether blending stops when a pixel cannot change any more, and whether only those official tiles
-        list a face that the face reaches. Neither option changes a pixel. The benchmark measures the time
-        that these options save.
+        Optimisations. `early_stop` ends the blending of a pixel that cannot change any more. `exact_tiles`
+        lists a face only in the official tiles that it reaches. Both options leave every pixel unchanged. The
+        benchmark measures the time that these options save.
     """
 
     name = "msb-dedicated"
@@ -131,7 +132,7 @@ class SplattingPipeline(OnDevice):
         axes = model.positions.T  # reducing along the first axis takes NumPy 20 times as long
         self._extent = np.array([max(axis.max(), -axis.min()) for axis in axes], np.float32)
 
-        soup = not model.vertex_colors  # positions then have one row of three corners per face
+        soup = not model.vertex_colors  # a soup has one row of three corners per face
         self._frames = 0
         self._band_records: dict[tuple[int, ...], Buffer] = {}
         self._scope = DeviceScope(device, "splat")
@@ -165,7 +166,7 @@ class SplattingPipeline(OnDevice):
             self._sort = DepthSort(self._device, self._program, order)
 
     def _build_program(self, **blending: Define) -> Program:
-        """Return the method's program; `blending` replaces the definitions that most frames use."""
+        """Return the method's program. `blending` replaces some definitions of an ordinary frame."""
         chosen = {**self._defines, "EXTRAS": True, "EARLY_STOP": True, **blending}
         return self._device.program(self._model.program, chosen, self._model.package)
 
@@ -235,10 +236,9 @@ class SplattingPipeline(OnDevice):
         Returns
         -------
         (F, 4) float64, or (F, 1) without a picture
-            Red, green and blue of the picture, weighted by alpha times transmittance of the face in each
-            pixel and summed over all pixels; then the sum of these weights, the only column without a
-            picture. A pixel with several samples takes the mean of their weights, so the weights of all
-            faces add up to the alpha of the frame.
+            The last column is the sum of the face's weights (alpha times transmittance) over all pixels. The
+            first three columns are the weighted sums of the picture's red, green and blue. The weight in a
+            pixel is the mean over its samples. The weights of all faces add up to the alpha of the frame.
         """
         device, seen = self._device, self._list(camera)
         share = self._build_program(EXTRAS=False, EARLY_STOP=self._early_stop, SHARES=True).share
@@ -250,8 +250,8 @@ class SplattingPipeline(OnDevice):
         pairs = seen.lists.pairs
         sums = self._scratch("share sums", (max(pairs, 1), 4))
         sums.fill(0)
-        # In each band, copy the picture's pixels to their samples, then add up each list entry's weighted
-        # colours.
+        # For each band, copy the picture's pixels to the samples. Add up the weighted colours of each list
+        # entry.
         for band in self._bands(camera, seen, len(_SPREAD_PLANES)):
             _, height, width = band.samples.shape
             record = self._band_record(band, camera.width)
@@ -269,7 +269,7 @@ class SplattingPipeline(OnDevice):
         return np.stack([np.bincount(faces, column, minlength=self._count) for column in columns], axis=1)
 
     def _list(self, camera: Camera) -> _Listed:
-        """Project the faces and list them by tile; this waits for the two counts of the lists."""
+        """Project the faces and list them by tile. The call waits for the two counts of the lists."""
         model, device = self._model, self._device
         record = make_view(
             camera,
@@ -320,8 +320,8 @@ class SplattingPipeline(OnDevice):
         return projected
 
     def _bands(self, camera: Camera, seen: _Listed, planes: int, *, whole: bool = False) -> Iterator[_Band]:
-        """Yield bands of samples, which reuse one memory, or a single band if the `whole` raster is
-        needed."""
+        """Yield bands of samples, which all use the same memory. If `whole` is true, yield one band with the
+        whole raster."""
         columns, rows, scale = seen.columns, seen.rows, self._model.scale
         # A band is a whole number of rows of tiles and of rows of pixels.
         step = math.lcm(TILE, scale) // TILE
@@ -339,7 +339,7 @@ class SplattingPipeline(OnDevice):
             yield _Band(part, first, here, first_row, last_row - first_row)
 
     def _blend(self, kernel: Kernel, seen: _Listed, band: _Band, *more: Buffer) -> None:
-        """Queue the kernel `blend` or `share` for a band. The kernel `share` also needs the buffer of its
+        """Queue the kernel `blend` or `share` for a band. The kernel `share` also gets the buffer of its
         sums."""
         lists = seen.view, seen.lists.starts, seen.lists.list, seen.projected.faces
         first, here = band.first_tile_row, band.tile_rows
@@ -353,7 +353,7 @@ class SplattingPipeline(OnDevice):
         """Return the `Band` record of splat_resolve.cl for a band with rows of `width` pixels."""
         model, (_, plane_rows, stride) = self._model, band.samples.shape
         values = width, band.rows, model.scale, *model.pixel_samples, stride, plane_rows, band.first_row
-        if values not in self._band_records:  # an upload waits for all queued commands
+        if values not in self._band_records:  # reuse records, because an upload waits for all queued commands
             if len(self._band_records) >= _MOST_RECORDS:
                 self._band_records.clear()
             self._band_records[values] = self._device.upload(np.array(values, np.uint32), "splat bands")

@@ -67,8 +67,8 @@ class Culling:
     dilation: float
     # Number of samples by which a face may extend beyond the distance from `dilation`.
     margin: float = 2.0
-    # True: compare the largest depth of the face with `nearest`, because the face is clipped. False:
-    # compare the depth of the face's centroid.
+    # Whether faces are clipped at the near plane. The largest depth of a clipped face is compared with
+    # `nearest`. Without clipping, the depth of the centroid is compared.
     clipped: bool = False
 
 
@@ -85,16 +85,16 @@ def make_view(
     """Return the `View` record of a camera for a raster with `scale` samples per pixel and axis.
 
     `near` and `far` affect only the z row of the projection. `fields` are common members that do not depend
-    on the camera; `method_values` are the members of the method. `extent` (3,) is the largest magnitude of
-    a coordinate along each axis.
+    on the camera. `method_values` are the members of the method. `extent` (3,) is the largest magnitude of a
+    coordinate along each axis.
 
     The 3DGS family projects with tan(fov / 2) and the float32 product P W, whose terms are added from first
-    to last. The camera centre is computed from the float32 W in double precision and rounded, because the
-    last bits of the official float32 inverse depend on the linear algebra library. The official code
-    ignores the principal point. This function adds the distance of the principal point from the middle of
-    the image to the sample positions. At distance 0 the addition has no effect. Sources:
-    GaodeRender/triangle-splatting: src/diff_recon/utils/camera.py; trianglesplatting/triangle-splatting:
-    utils/graphics_utils.py, scene/cameras.py.
+    to last. The camera centre is computed from the float32 W in double precision, and rounded. The last bits
+    of the official float32 inverse depend on the linear algebra library. The official code ignores the
+    principal point. This function adds the offset of the principal point from the image centre to the sample
+    positions. Adding a distance of 0 has no effect. Sources: GaodeRender/triangle-splatting:
+    src/diff_recon/utils/camera.py; trianglesplatting/triangle-splatting: utils/graphics_utils.py,
+    scene/cameras.py.
     """
     view = np.zeros(
         (), [*VIEW.descr, ("own", [(name, value.dtype) for name, value in method_values.items()])]
@@ -108,7 +108,7 @@ def make_view(
     projection[3, 2] = 1
     world_to_camera = camera.world_to_camera.astype(np.float32)
     full = projection[:, :1] * world_to_camera[:1]
-    for k in range(1, 4):  # this is not a matrix product, because BLAS fuses and reorders the sums
+    for k in range(1, 4):  # a matrix product with BLAS would fuse and reorder the sums
         full = full + projection[:, k : k + 1] * world_to_camera[k : k + 1]
     view["world_to_camera"] = world_to_camera[:3].ravel()
     view["full"] = full.ravel()

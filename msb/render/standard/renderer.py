@@ -33,9 +33,8 @@ _COARSE = 64
 _GROUP_SIZE = 64
 # Floats of a camera record in zbuffer_math.cl.
 VIEW_WORDS = 51
-# Work-groups draw the triangles that are too large for one work-item. The three numbers are the minimum
-# number of work-groups, their number per compute unit, and the number of work-groups that share one huge
-# triangle.
+# Work-groups draw the triangles that are too large for one work-item. The numbers are the minimum number of
+# work-groups, the work-groups per compute unit, and the work-groups that share a huge triangle.
 _GROUPS, _GROUPS_A_UNIT, _ROWS = 256, 32, 16
 
 
@@ -48,7 +47,7 @@ class StandardRenderer(OnDevice):
     visible.
 
     Among the asset's settings, only `ste_threshold`, which hides faces, has an effect. With `supersample`
-    from 2 to 16, the image is rendered at that many times its width and height, and averaged.
+    from 2 to 16, each pixel is the mean of `supersample` x `supersample` samples.
     """
 
     name = "msb-standard"
@@ -92,10 +91,10 @@ class StandardRenderer(OnDevice):
     ) -> Frame:
         """Draw the asset from `camera` over `background` (RGB in the asset's colour space).
 
-        With supersampling, image and alpha are means over the samples of a pixel; depth and face belong to
-        the nearest sample of the pixel. Without supersampling, `out` may be a frame of this size that is no
-        longer needed. The function overwrites the arrays of `out`. Passing `out` saves time, because the
-        first access to new memory takes longer than the copy.
+        With supersampling, image and alpha are means over the samples of a pixel. Depth and face are those of
+        the nearest sample. Without supersampling, `out` may be a frame of this size that is no longer needed.
+        The function overwrites the arrays of `out`. Passing `out` saves time, because the first access to new
+        memory takes longer than the copy.
         """
         reused = {} if out is None or self._supersample > 1 else vars(out)
         with self._device.timing() as timing:
@@ -138,8 +137,8 @@ class StandardRenderer(OnDevice):
     ) -> dict[str, Buffer]:
         """Queue all commands of a frame; return a buffer for each field of `Frame`.
 
-        `view` is the camera record if it is already on the device; passing it avoids a wait for queued
-        commands. Without `everything` only the image is computed.
+        Pass the camera record as `view` if it is already on the device, to avoid a wait for queued commands.
+        If `everything` is false, only the image is computed.
         """
         scale = self._supersample
         width, height = camera.width * scale, camera.height * scale
@@ -177,8 +176,8 @@ class StandardRenderer(OnDevice):
                 )
             else:
                 counter.fill(0)
-        # Each processor takes the next tile until none is left; `scratch` holds its colours, depths and
-        # lists.
+        # Each processor takes tiles until all tiles are drawn. `scratch` holds the processor's colours,
+        # depths and lists.
         processors = device.record.compute_units
         tile_width, tile_height = _tile_size(int(width), int(height), processors)
         words = 2 * (tile_width + _PAD) * (tile_height + _PAD_ROWS) + _COARSE + 2 * _LIST
@@ -214,7 +213,7 @@ class StandardRenderer(OnDevice):
         counter = self._scratch("list lengths", 2, np.int32)
         with device.stage("clear"):
             program.clear(count, _GROUP_SIZE, pixels, counter, np.uint32(count))
-        # One work-item draws each small triangle; larger triangles go to a list, which work-groups draw.
+        # One work-item draws each small triangle. Larger triangles go to a list, which work-groups draw.
         # Without 64-bit atomics a second pass finds the face at the nearest depth.
         group, groups = (_GROUP_SIZE, 1), _GROUPS_A_UNIT * device.record.compute_units
         corners = (mesh.colors, *mesh.textures) if mesh.textures else ()
@@ -253,12 +252,13 @@ def _tile_size(width: int, height: int, processors: int) -> tuple[int, int]:
 def view_record(camera: Camera) -> NDArray[np.float32]:
     """Return the camera record of zbuffer_math.cl, (VIEW_WORDS,) float32, computed in float64.
 
-    The centre of the camera is split into its nearest float32 and a remainder, so that a camera far from
-    the origin loses no precision. The kernels subtract the first part before they rotate a point. The
+    The camera's centre is split into its nearest float32 and a remainder. A camera far from the origin
+    therefore loses no precision. The kernels subtract the float32 part before they rotate a point. The
     remainder is rotated here; the kernels add it afterwards.
     """
     rotation = camera.world_to_camera[:3, :3]
-    inverse = camera.camera_to_world[:3, :3]  # not the transpose: rotations are orthonormal only to 1e-4
+    # the transpose would be inexact, because rotations are orthonormal only to 1e-4
+    inverse = camera.camera_to_world[:3, :3]
     rounded = camera.center.astype(np.float32).astype(np.float64)
     rest = camera.center - rounded
     scale = np.array([camera.fx * _UNITS, camera.fy * _UNITS])
@@ -267,8 +267,8 @@ def view_record(camera: Camera) -> NDArray[np.float32]:
     ray = inverse.T / np.array([camera.fx, camera.fy, 1.0])[:, None]
     principal = np.array([camera.cx, camera.cy])
     with np.errstate(over="ignore"):
-        # Compute the remainders of the float32 values, for the kernels' computations in double precision.
+        # Compute the rounding errors of the float32 values, which the kernels need in double precision.
         low, ray_low = (part - part.astype(np.float32) for part in (rows, ray))
     parts = (rows, rounded, -rows @ rest, principal * _UNITS + 0.5, scale, rest, ray, principal, low, ray_low)
-    with np.errstate(over="ignore"):  # infinite for a camera 1e39 units away, which shows nothing
+    with np.errstate(over="ignore"):  # values overflow for cameras 1e39 units away, which show nothing
         return np.concatenate([part.reshape(-1) for part in parts]).astype(np.float32)

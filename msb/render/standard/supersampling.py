@@ -39,9 +39,9 @@ def box_filter(frame: Frame, scale: int) -> Frame:
     depths, the lowest face number wins.
     """
     image, alpha = box_mean(frame.image, scale), box_mean(frame.alpha, scale)
-    # The bits of positive floats sort in the order of the floats. Read as unsigned numbers, background
-    # samples (-1) come last. The smallest 64-bit key of (depth, face) is therefore the nearest sample with
-    # the lowest face.
+    # The bits of positive floats sort in the order of the floats. As an unsigned number, the face -1 of the
+    # background is the largest, so background samples come last. The smallest 64-bit key of (depth, face)
+    # belongs to the nearest sample with the lowest face.
     samples = np.where(frame.depth > 0, frame.depth, np.inf).astype(np.float32).view(np.uint32)
     if frame.face_id is not None:
         samples = samples.astype(np.uint64) << np.uint64(32) | frame.face_id.astype(np.uint32)

@@ -29,8 +29,8 @@ _LINEAR = np.rint(LINEAR * 65535).astype(np.uint16)
 class Texels:
     """The buffers that zbuffer_texture.cl reads, besides triangles and their vertex colours."""
 
-    # Texture numbers (slots,) if there are several textures, texels (N, 4) uint16, and the table (R, 4)
-    # int32.
+    # The texels (N, 4) uint16 and the table (R, 4) int32. With several textures, the texture numbers (slots,)
+    # come first.
     buffers: tuple[Buffer, ...]
     defines: dict[str, int]
     tinted: bool
@@ -51,16 +51,16 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
     """
     sampler = textured.sampler
     sizes = [level_sizes(*image.shape[:2])[: None if sampler.mipmaps else 1] for image in textured.images]
-    # Every level has one more row and column than its image, for wrapped neighbour texels.
+    # Every level has one more row and one more column than its image, for the texels beyond the wrapped edge.
     count = sum((height + 1) * (width + 1) for levels in sizes for height, width in levels)
     if count > _MOST:
-        text = f"the textures have {count:,} texels with their mip levels; a device accepts {_MOST:,}"
+        text = f"the textures have {count:,} texels with their mip levels; a device accepts at most {_MOST:,}"
         raise DeviceError("DEVICE_MEMORY", text)
-    # NumPy allocates huge pages. A device that shares the host's memory then uses the huge pages.
+    # np.zeros allocates huge pages, which the device uses if it shares the host's memory.
     texels = device.share(np.zeros((count, 4), np.uint16), "standard textures", "appearance")
     rows = np.zeros((_FIRST_ROW + _TEXTURE_ROWS * len(sizes), 4), np.int32)
     wraps = (_WRAPS[wrap] for wrap in (sampler.wrap_u, sampler.wrap_v))
-    # Rows 0 and 1: filter, mip maps and wrap modes; the alpha cutoff, and whether vertex colours and several
+    # Row 0: filter, mip maps and wrap modes. Row 1: the alpha cutoff, and whether vertex colours and several
     # textures exist.
     rows[0] = (sampler.filter == "nearest", sampler.mipmaps, *wraps)
     several = textured.face_texture is not None

@@ -17,8 +17,8 @@ from msb.render.standard.texels import Texels, put_texels
 SUBPIXEL_BITS = 12
 # Number of floats in the record of a triangle.
 WORDS = 16
-# Kinds of colours: RGBA8 per corner (in the record), RGB per face (in the record), RGB floats per corner (in
-# a separate buffer), textures.
+# Kinds of colours: RGBA8 per corner in the record, RGB per face in the record, RGB floats per corner in a
+# separate buffer, or textures.
 BYTES_OF_CORNERS, FLOATS_OF_FACE, FLOATS_OF_CORNERS, TEXTURES = range(4)
 # Definitions for every program that includes zbuffer_math.cl.
 RECORD_DEFINES = {
@@ -48,11 +48,11 @@ _MORTON_BITS = 30
 class Triangles:
     """The buffers that stay on the device between frames."""
 
-    # Triangle records (slots, 16) words: corners, colours, face. A slot is a position in drawing order. On
-    # a CPU, neighbouring slots are close in space; on a GPU, slots are in the order of faces.
+    # Triangle records (slots, 16) words: corners, colours, face. A slot is a position in drawing order. On a
+    # CPU, neighbouring slots are close in space. On a GPU, slots are in the order of faces.
     records: Buffer
-    # (slots, 9) float32 for float colours per corner; (slots, 12) for vertex colours that multiply
-    # textures; otherwise one unused word.
+    # Float colours per corner are (slots, 9) float32. Vertex colours that multiply textures are (slots, 12).
+    # For other kinds of colours, this is one unused word.
     colors: Buffer
     # (6, stride) float32: centre and half extent of each cluster.
     boxes: Buffer
@@ -62,12 +62,12 @@ class Triangles:
     clusters: int
     stride: int
     texels: Texels | None
-    # Queues the computation of records, colours and boxes from the source arrays, while these exist.
+    # Call `fill` to compute records, colours and boxes again from the source arrays, which must exist.
     fill: Callable[[], None]
-    # Queues a copy of the records into a buffer of the same shape. Faces that are 0 in another buffer, (F,)
-    # uint8, become empty triangles.
+    # Queues a copy of the records into a buffer of the same shape. A second buffer, (F,) uint8, is 0 for
+    # faces that become empty triangles.
     copy_some: Callable[[Buffer, Buffer], None]
-    # Positions and colours as the asset stores them, if they may be changed; otherwise empty.
+    # If triangles may move, the positions and colours as the asset stores them; otherwise empty.
     sources: dict[str, Buffer]
 
     @property
@@ -93,8 +93,8 @@ def make_triangles(
     """Upload the triangles of `asset` to `device` in drawing order.
 
     If `moving` is true, the source arrays stay on the device. To move triangles, write to the source arrays
-    and call `fill`. The drawing order follows the first positions of the triangles. Moved triangles are
-    drawn correctly in any case, and fast as long as they stay near their first positions.
+    and call `fill`. Triangles are sorted by their positions at the first call. Moved triangles are always
+    drawn correctly. Drawing stays fast while the triangles are near their first positions.
     """
     positions, indices = asset.buffers["positions"], asset.buffers["indices"]
     listed = select_faces(asset, settings.get("ste_threshold"))
@@ -181,8 +181,8 @@ def _cells(asset: Asset) -> tuple[NDArray[np.float32], np.float32]:
     """Return the origin and the cells per unit of the grid that orders triangles.
 
     The grid spans the bounds of the vertices, but at most 1.5 times the range from the 2nd to the 98th
-    percentile. Captured scenes have a few triangles far away; with their bounds, all other triangles would
-    share a single grid cell.
+    percentile. Captured scenes have a few triangles far away. If the grid covered them, all other triangles
+    would share a single grid cell.
     """
     positions, bounds = asset.buffers["positions"], asset.manifest.bounds
     step = max(1, len(positions) // _SAMPLES)
