@@ -1,4 +1,7 @@
-"""Texture coordinates: one cell per face of a triangle soup, or charts by xatlas for a connected mesh."""
+"""This module makes texture coordinates.
+
+A triangle soup gets one texture cell per face; xatlas cuts a connected mesh into charts.
+"""
 
 from __future__ import annotations
 
@@ -20,24 +23,23 @@ if TYPE_CHECKING:
 
 # Texture cells of a triangle soup.
 #
-# Number of smaller mip levels in which no texel mixes the colours of two faces. Each further level doubles
-# the margins around faces. Use the first number of levels if faces then keep at least `_MIN_SCALE` times
-# their requested side lengths, otherwise the second number.
+# Number of smaller mip levels in which no texel mixes the colours of two faces. A second level doubles the
+# margins around the faces. The second number is used if the first number would shrink the faces below
+# `_MIN_SCALE` of their requested side lengths.
 MIP_LEVELS = (2, 1)
 _MIN_SCALE = 0.7
-# Subtract this number of texels from both legs of a face. The shortening exceeds the rounding error of
-# float32 coordinates.
+# Both legs of a face are shortened by this number of texels. Rounding to float32 then cannot move a corner
+# out of its cell.
 _SLACK = 1 / 64
 # Number of bisection steps for the largest scale that fits; 16 steps find this scale to within 2^-15.
 _BISECTIONS = 16
-# Largest ratio of the two legs of a face in the texture. A face with a larger ratio would waste texels on its
+# Largest ratio of the two legs of a face in the texture. A narrower face would need too many texels for its
 # margin.
 _MAX_LEG_RATIO = 4.0
 
 # Texture charts of a connected mesh.
 #
-# Time limit of xatlas in seconds. The benchmark meshes need far less time; the limit only ensures that a bake
-# ends.
+# Time limit of xatlas in seconds. The benchmark meshes need far less time.
 _UNWRAP_LIMITS = Limits(seconds=900.0, memory=None)
 # Number of texels between two charts of the texture atlas. A distance of this size keeps texture charts
 # separate in two smaller mip levels.
@@ -71,9 +73,8 @@ def make_soup_atlas(corners: NDArray[Any], pixels: Floats, size: int) -> Singles
 
     In the texture, each face is a right triangle. The ratio of the triangle's two legs is the ratio of the
     two shorter sides of the face. The triangle's area in texels is the number of pixels that show the face.
-    If the texture is too small, all areas are reduced by the same factor. Faces also stay separate in the
-    first smaller mip levels (`MIP_LEVELS`). A face becomes a point of one colour if no pixel shows the face
-    or if its longer leg is below half a block.
+    If the texture is too small, all areas are reduced by the same factor. A face becomes a point of one
+    colour if no pixel shows the face or if its longer leg is below half a block.
 
     Parameters
     ----------
@@ -111,9 +112,10 @@ def make_soup_atlas(corners: NDArray[Any], pixels: Floats, size: int) -> Singles
 
 
 def _pack(legs: Floats, blocks: int, block: int) -> tuple[float, _Cells, Ints | None]:
-    """Return the largest scale up to 1 at which legs (F, 2) fit, the cells, and the places (C, 2).
+    """Return the largest scale at which the cells of the faces fit into the texture, the cells, and their
+    places (C, 2).
 
-    The places are None if the cells do not even fit at scale 0.
+    The scale is at most 1. The places are None if no scale fits.
     """
     low, high = 0.0, 2.0
     for _ in range(_BISECTIONS):
@@ -142,7 +144,7 @@ def _make_cells(legs: Floats, block: int) -> _Cells:
     is_paired = (whole + 3).prod(axis=1) < 2 * (whole + 1).prod(axis=1)
     sides = []
     cell, number, count = np.zeros(len(legs), np.int64), np.zeros(len(legs), np.int64), 0
-    # Single faces and pairs: the mask of the faces, the number of faces per cell, and the margin of a cell in
+    # Describe single faces and pairs: the mask of the faces, the faces per cell, and the margin of a cell in
     # blocks.
     for chosen, per_cell, margin in (
         (is_paired, 2, 3),
@@ -162,7 +164,10 @@ def _make_cells(legs: Floats, block: int) -> _Cells:
 
 
 def _fill_rows(sides: Ints, blocks: int) -> Ints | None:
-    """Place texture cells in rows, the highest first; return the places (C, 2), or None if too many."""
+    """Place texture cells in rows, the highest first.
+
+    Return their places (C, 2), or None if the cells do not fit.
+    """
     order = np.lexsort((-sides[:, 0], -sides[:, 1]))
     width, height = sides[order].T
     ends = np.cumsum(width)
@@ -237,7 +242,7 @@ def need_xatlas() -> None:
 
 
 def unwrap_in_child(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
-    """Unwrap a mesh for a texture of `word` texels along a side (a `Work` of `msb.base.children`)."""
+    """Unwrap a mesh for a texture of `word` texels along a side, as a `Work` of `msb.base.children`."""
     import xatlas
 
     packing = xatlas.PackOptions()

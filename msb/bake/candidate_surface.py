@@ -48,11 +48,11 @@ _PIXELS_PER_FACE = 2
 # Number of cells along the longest side of the first grid. Grids with half and twice as many cells are tried
 # as well.
 CELLS = 144
-# The coarsest tried grid has this number of cells along its longest side: 144 halved three times.
+# The coarsest grid that is tried has this number of cells along its longest side, which is 144 / 8.
 _MIN_CELLS = 18
 # A grid of 288 cells per side is only tried if 144 cells have less than 75 % of the error of 72 cells. For
 # other soups, the finer grid follows the noise of the soup, and moving vertices does not remove this noise.
-# With an uneven soup, a grid of 288 cells lost up to 8 dB. Grids that pass the test gain up to 1.4 dB.
+# With an uneven soup, a grid of 288 cells lost up to 8 dB. Grids below this error ratio gain up to 1.4 dB.
 _MAX_ERROR_RATIO = 0.75
 # If the time limit for moving vertices is below this value, only one grid is tried. For a scene, further
 # grids would take many times as long.
@@ -62,12 +62,12 @@ _BUDGET_TOLERANCE = 1.25
 # Up to this face budget, a reduction in two steps is tried as well, because it preserves thin parts. With a
 # larger budget the reduction in two steps is rarely better.
 _TWO_STEP_FACES = 4_000
-# The error of a state is multiplied by this power of its bending, relative to the start of the search. So a
-# surface with 10 % more bending must have a PSNR gain of 0.2 dB.
+# The error of a search state is multiplied by this power of its relative bending, which is 1 at the start. So
+# a surface with 10 % more bending must have a PSNR gain of 0.2 dB.
 _BENDING_POWER = 0.5
-# For a surface from a model's own depths: rounds of smoothing before faces are removed, and number of steps
-# that move the vertices. Fairing and more steps cost detail, such as the features of a face, and up to 0.4
-# dB.
+# These values apply to a surface from a model's own depths: rounds of smoothing before the face reduction,
+# and steps that move the vertices. Fairing and more steps cost detail, such as the features of a face, and up
+# to 0.4 dB.
 _SMOOTH_TURNS, _OWN_DEPTH_STEPS = 10, 1
 # A part that covers less than this share of the pixels of all views is a speck and is removed.
 MIN_PART_SHARE = 1e-4
@@ -104,9 +104,9 @@ def make_surface(
     """Return a closed, manifold, consistently wound mesh that looks like `model`, and notes for the user.
 
     The model is an opaque soup, or Gaussians. The depths of the model in the training views define a solid.
-    The boundary of the solid is reduced to about `faces` faces. By default, the surface has as many faces as
-    views of `pixels` pixels can show. The vertices are then moved for at most `seconds`, and the state with
-    the smallest validation error is kept. The resulting mesh has vertex colours.
+    The boundary of the solid is reduced to about `faces` faces. The default number of faces follows from the
+    number of `pixels` of a view. The vertices are then moved for at most `seconds`, and the state with the
+    smallest validation error is kept. The resulting mesh has vertex colours.
 
     An object is enclosed from outside. A scene is enclosed from inside: its faces look inwards, and a distant
     shell shows the sky.
@@ -295,7 +295,7 @@ def _fit_surface(
 
 
 def _make_shape_weight(points: Floats, faces: Ints, space: Space) -> Callable[[Soup], float]:
-    """Return a function that weighs the error of a state: more bending than at the start costs error.
+    """Return a function that computes a factor for the error of a state. More bending increases the factor.
 
     Without a factor for bending, a fraction of a dB would bring back dents (see `_BENDING_POWER`).
     """
@@ -355,7 +355,7 @@ def _measure_validation_error(surface: ClosedSurface, context: SearchContext) ->
 
 
 def _move_vertices(mesh: Mesh, soup: Soup) -> Mesh:
-    """Return `mesh` with its vertices at the corners of `soup`."""
+    """Return `mesh` with its vertices moved to the corners of `soup`."""
     vertices = mesh.vertices.copy()
     vertices[mesh.faces.reshape(-1)] = soup.corners.reshape(-1, 3)
     return Mesh(vertices, mesh.faces)

@@ -22,7 +22,7 @@ MIN_CHART_FACES = 50
 # An unfolded corner is moved to the place of the same vertex in the chart if their distance is below this
 # share of the shared edge. An unfolded corner at a larger distance becomes a seam.
 _SNAP = 0.3
-# Heights of an unfolded face above the shared edge that are tried, relative to its true height. The last
+# An unfolded face is tried with these heights above the shared edge, relative to its true height. The last
 # heights in the list are for faces in a gap of a chart, where the surface has a spike.
 _HEIGHTS = (1.0, 0.8, 0.6, 0.3, 0.1)
 # Faces are shrunk to this size about their centres for overlap tests, so that faces with a shared edge do not

@@ -32,16 +32,16 @@ _MIN_VOTE = 0.002
 # Parameters of the face reduction.
 #
 # Growth of the allowed error per pass of the edge collapse: the parameter `agg` of fast_simplification. The
-# first growth gives better meshes, but may exceed the face budget. The second growth is the default of
+# value 5 gives better meshes, but may exceed the face budget. The value 7 is the default of
 # fast_simplification.
 _AGGRESSIVENESS, _HIGH_AGGRESSIVENESS = 5, 7
-# Two vertices are merged if the number of pixels that they cover together is below both limits. The first
-# limit is in pixels of an average view. The second limit is relative to the pixels of an average vertex after
-# the reduction. With these limits on merging, unseen parts of a walled scene have 10 % of the faces instead
-# of 43 %, and PSNR rises by 0.3 dB.
+# Two vertices are merged if the number of pixels that they cover together is below both limits. The limit
+# `_MAX_MERGED_PIXELS` is in pixels of an average view. The limit `_MAX_MERGED_SHARE` is relative to the
+# pixels of an average vertex after the reduction. With these limits on merging, unseen parts of a walled
+# scene have 10 % of the faces instead of 43 %, and PSNR rises by 0.3 dB.
 _MAX_MERGED_PIXELS, _MAX_MERGED_SHARE = 2.0, 0.1
-# The merges use the edge collapses of a reduction to this share of the face budget. Unseen parts therefore do
-# not become coarser than in a reduction to this share.
+# Vertices are only merged along edges that a reduction to this share of the face budget collapses. This
+# limits how coarse unseen parts become.
 _COARSEST_SHARE = 1 / 8
 # A surface is first reduced to this multiple of the face budget. All variants of the further reduction start
 # from this shared surface. The shared first reduction saves a fifth of the time and loses no detail that a
@@ -62,9 +62,9 @@ _REPAIR_ROUNDS = 5
 # Largest number of rounds of smoothing the corners of crossing faces. After every `_WIDEN_ROUNDS` rounds, one
 # more ring of neighbours is smoothed as well.
 _SMOOTH_ROUNDS, _WIDEN_ROUNDS = 32, 8
-# Largest number of rounds that move corners of crossing faces back to earlier places. If faces still cross
-# after the last round, all corners are moved back. Several rounds are needed, because moving corners back can
-# make other faces cross.
+# A repair of crossing faces moves their corners back to earlier places in at most this number of rounds. If
+# faces still cross after the last round, all corners are moved back. Several rounds are needed, because
+# moving corners back can make other faces cross.
 _REVERT_ROUNDS = 60
 # Largest number of rounds that cut out faces that still cross and close the holes.
 _CUT_ROUNDS = 6
@@ -74,7 +74,10 @@ _SEPARATION = 1e-3
 
 
 def extract_boundary(values: Singles, grid: Grid, outside: float) -> tuple[Floats, Ints]:
-    """Return the boundary (V, 3), (F, 3) of negative cells; `outside` is the vote beyond the grid."""
+    """Return the boundary between negative and positive cells, as points (V, 3) and faces (F, 3).
+
+    Beyond the grid, every cell has the vote `outside`.
+    """
     from skimage.measure import marching_cubes
 
     padded = np.pad(values, 1, constant_values=outside)
@@ -158,7 +161,7 @@ def coarsen_unseen(
         together = covered[stays] + covered[goes]
         if together < most:
             covered[stays], into[goes] = together, stays
-        else:  # Also skip later collapses that build on a skipped collapse.
+        else:  # Skip later collapses that build on this collapse.
             covered[stays] = covered[goes] = math.inf
     # Replace each vertex by the last vertex of its chain of merges.
     merged = np.array(into)
@@ -301,9 +304,9 @@ def _find_slivers(points: Floats, faces: Ints) -> Ints:
 
 
 def revert_crossings(points: Floats, good: Floats, faces: Ints, space: Space) -> Floats:
-    """Move corners of crossing faces back to `good` (V, 3); return the points (V, 3).
+    """Move the corners of crossing faces back to their places in `good` (V, 3); return the points (V, 3).
 
-    Only faces that also cross with the points `good` still cross in the result.
+    In the result, two faces only cross if they also cross in `good`.
     """
     points = points.copy()
     moved = np.ones(len(points), bool)
@@ -327,8 +330,8 @@ def find_crossing_faces(points: Floats, faces: Ints, space: Space, moved: Mask |
     if not space.contracted:
         return np.unique(find_crossing_pairs(corners, of=tested))
     # Boxes in the contracted coordinates find candidate pairs of crossing faces. A face that is flat in the
-    # world is bent in contracted coordinates, so its box contains its corners, edge midpoints and centre: (F,
-    # 7, 3).
+    # world is bent in contracted coordinates. Therefore its box contains its corners, edge midpoints and
+    # centre (F, 7, 3).
     more = [(corners + np.roll(corners, 1, axis=1)) / 2, corners.mean(axis=1, keepdims=True)]
     bent = np.concatenate([corners, *more], axis=1)
     places = space.from_world(bent.reshape(-1, 3)).reshape(bent.shape)

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from msb.cl import Buffer, Device
     from msb.scenes import Camera
 
-# Distances in cells. A cell `REACH` or more in front of a surface gets the largest vote, 1. A view does not
-# vote on a cell more than `BEHIND` behind the surface, because the surface hides that cell. `BEHIND` is
-# smaller than `REACH`, because views of the other side of a sheet vote against cells there. With equal
-# distances, thin leaves vanished from the solid.
+# Distances in cells. A cell has the largest vote, 1, if it is at least `REACH` in front of a surface. The
+# surface hides a cell more than `BEHIND` behind it, so the view does not vote on this cell. `BEHIND` is
+# smaller than `REACH`, so that views of the two sides of a thin sheet do not cancel their votes. If both
+# distances were equal, thin leaves would vanish from the solid.
 REACH, BEHIND = 3.0, 1.5
 # The surface is moved outwards by this number of cells, so that thin sheets and stems become solids that the
 # grid can resolve. `pull_in` moves the surface back where the solid is thick.
@@ -43,7 +43,7 @@ _GROUP = 64
 # Number of views that vote in one run of the kernel, and number of floats per view in the kernel's input.
 # Eight views share one pass over the cells.
 _VIEWS_PER_RUN, _RECORD = 8, 19
-# Value of a cell without any vote. Real votes are at most 1.
+# Value of a cell without any vote.
 UNKNOWN = 2.0
 # Every 7th covered pixel gives one visible point. The step 7 has no common factor with usual image widths, so
 # the points do not line up in columns.
@@ -114,10 +114,11 @@ class DepthRenderer(StandardRenderer):
 
     @in_turn
     def vote(self, cameras: Sequence[Camera], space: Space, grid: Grid) -> Singles:
-        """Return the votes (nx, ny, nz): the average distance of each cell in front of the visible surface.
+        """Return the votes (nx, ny, nz) of the cells.
 
-        Votes are in units of `REACH` cells, and at most 1. A vote is negative if the cell is solid. A cell
-        that no view contains, or beyond the edge of a scene, has the vote `UNKNOWN`.
+        A vote is the average distance by which a cell is in front of the visible surface. Votes are in units
+        of `REACH` cells, and at most 1. A vote is negative if the cell is solid. A cell has the vote
+        `UNKNOWN` if no view contains the cell or if the cell is beyond the edge of a scene.
         """
         count = int(np.prod(grid.shape))
         sums, votes = self._scratch("cells", grid.shape), self._scratch("votes", (2, *grid.shape), np.uint16)
@@ -160,8 +161,9 @@ class DepthRenderer(StandardRenderer):
 class NativeDepthRenderer(DepthRenderer):
     """Lets the depth maps of Gaussians, instead of a mesh, vote on grid cells.
 
-    The depth of a pixel belongs to the Gaussian that halves the transmittance, at the point of the ray with
-    the highest density. Pixels that the Gaussians cover by less than half are empty.
+    The depth of a pixel is the depth of the Gaussian that reduces the transmittance below one half. The depth
+    is measured where the ray meets the highest density. Pixels that the Gaussians cover by less than half are
+    empty.
     """
 
     def __init__(self, model: Asset, device: str | Device | None = None) -> None:
@@ -205,8 +207,8 @@ def complete_votes(votes: Singles, space: Space, grid: Grid) -> Singles:
 def pull_in(points: Floats, values: Singles, grid: Grid) -> Floats:
     """Return surface points (V, 3) moved inwards by half of `THICKNESS` where the solid is thick.
 
-    The sides of a thin sheet are not moved, because the two sides would meet. Half of `THICKNESS` suffices,
-    because views from the side vote that the whole cell is free and so move the surface inwards already.
+    The sides of a thin sheet are not moved, because the two sides would meet. Views from the side already
+    move the surface inwards, so half of `THICKNESS` is enough.
     """
     from scipy.ndimage import map_coordinates
 
@@ -218,12 +220,11 @@ def pull_in(points: Floats, values: Singles, grid: Grid) -> Floats:
     places = (points - grid.low) / grid.cell
     inward = np.stack([interpolate(places - step) - interpolate(places + step) for step in np.eye(3)], axis=1)
     inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-12)
-    # The solid is thick at a place if the vote a few cells further inside is well below the vote inside a
-    # sheet.
+    # The solid is thick if the vote drops further a few cells inside the surface.
     depth = THICKNESS / REACH
     is_thick = interpolate(places + (THICKNESS + BEHIND) * inward) < -1.5 * depth
     move = THICKNESS / _PULL_STEPS * is_thick[:, None] * inward
-    # In each step, move further along `move`, until the interpolated vote is -depth / 2.
+    # Move the points along `move` until the interpolated vote is -depth / 2.
     for _ in range(_PULL_STEPS):
         here, there = interpolate(places), interpolate(places + move)
         share = np.clip((here + depth / 2) / np.maximum(here - there, 1e-12), 0, 1)
@@ -253,7 +254,7 @@ def _fill_unknown(values: Singles, known: Mask) -> None:
         sums[there] += np.where(known[part], values[part], 0)
         count[there] += known[part]
     sums /= np.maximum(count, 1)
-    # Fill the blocks recursively, then copy them to unknown cells, smoothed over 3 cells.
+    # Fill the blocks recursively. Copy their values, smoothed over 3 cells, to the unknown cells.
     _fill_unknown(sums, count > 0)
     for axis in range(3):
         sums = sums.repeat(2, axis=axis)
@@ -262,7 +263,10 @@ def _fill_unknown(values: Singles, known: Mask) -> None:
 
 
 def _make_shell_votes(grid: Grid) -> Singles:
-    """Return votes (nx, ny, nz) for the shell around a scene, which lies `REACH` / 2 inside `EDGE`."""
+    """Return votes (nx, ny, nz) for the solid shell around a scene.
+
+    The shell begins `REACH` / 2 inside `EDGE`.
+    """
     axes = [grid.low[k] + grid.cell * np.arange(grid.shape[k]) for k in range(3)]
     x, y, z = np.meshgrid(*(np.square(axis).astype(np.float32) for axis in axes), indexing="ij", sparse=True)
     reach = REACH * grid.cell

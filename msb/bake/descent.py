@@ -1,11 +1,11 @@
 """Gradient descent on the corners of an opaque soup reduces the squared error of its images.
 
 An opaque image changes at the borders between faces when the faces move. The kernel `sums` of bake.cl adds up
-the pixels at face borders, for a few views at a time. The resulting sums are the derivatives of the error by
-the place of each corner. Corners move along the negative gradient by Adam's rule (Kingma and Ba 2015), with
-one scale for all coordinates of a face. Every few steps, colours are fitted again by least squares over the
-pixels of the last steps. Between descent steps, faces are hidden or shown if the change reduces the error
-(`msb.bake.face_selection`).
+the pixels at face borders, for a few views at a time. These sums are the derivatives of the error with
+respect to the position of each corner. Corners move along the negative gradient by Adam's rule (Kingma and Ba
+2015), with one scale for all coordinates of a face. Every few steps, colours are fitted again by least
+squares over the pixels of the last steps. Between descent steps, faces are hidden or shown if the change
+reduces the error (`msb.bake.face_selection`).
 """
 
 import time
@@ -71,8 +71,8 @@ class StepSchedule:
             pace = max(now - self._first, _EPSILON) / (step - 1)
             possible = int((self._until - now) / pace)
             self._is_short |= possible < left
-            # After the time limit has reduced the steps, the step lengths depend on the clock. If the time
-            # was short, leave out at least one step, so that a note reports the reduction.
+            # Once the time limit reduces the steps, the step lengths depend on the speed of the machine. In
+            # this case, leave out at least one step, so that a note reports the reduction.
             if self._is_short:
                 left = min(possible, left - 1)
         if stop or now > self._until or left <= 0:
@@ -92,7 +92,7 @@ class StepSchedule:
 class Adam:
     """Adam's rule. Turns gradients into moves by Adam's rule, in units of the step length.
 
-    Coordinates that move together, such as those of a face, share one scale.
+    All coordinates of a face share one scale.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class Adam:
     def compute_move(self, gradient: Floats, square: Floats | float) -> Floats:
         """Return the move (..., 3) to subtract from the coordinates, for the gradient (..., 3) of the error.
 
-        `square` is the mean squared gradient of the coordinates that share a scale; its shape broadcasts to
+        `square` is the mean squared gradient over coordinates with one scale. Its shape must broadcast to
         `gradient`.
         """
         # Running averages. Both running averages start at 0; the divisions by 1 - decay^step correct this

@@ -29,8 +29,8 @@ ASSET = "asset.glb"
 PAGE = "index.html"
 _REPORT, _PREVIEW = "bake.json", "preview.png"
 _SCRIPTS = "camera.js", "page.js", "controls.js", "baked.js", "start.js"
-# Smallest number of pixels of the longer side of a view on the page. Smaller views are enlarged, because a
-# mesh can be drawn at any resolution.
+# Smallest number of pixels of the longer side of a view on the page. Smaller views are enlarged, because
+# meshes can be rendered at any resolution.
 _MIN_PAGE_SIDE = 1024
 
 
@@ -40,7 +40,7 @@ def is_folder(path: Path) -> bool:
     A path with the suffix of a format is always a file.
     """
     is_file = path.suffix.lower() in (ASSET_SUFFIX, *list_written_suffixes())
-    return not is_file and (not path.suffix or os.path.isdir(path))  # noqa: PTH112 - long names raise there
+    return not is_file and (not path.suffix or os.path.isdir(path))  # noqa: PTH112 - is_dir() fails for long names
 
 
 def is_folder_output(paths: Sequence[Path]) -> bool:
@@ -59,7 +59,7 @@ def is_folder_output(paths: Sequence[Path]) -> bool:
 
 
 def write_folder(baked: Baked, assets: Sequence[OutputAsset], folder: Path, overwrite: bool) -> Report:
-    """Write a bake with these assets as a complete folder or not at all; return the report with its files.
+    """Write a bake as a complete folder or not at all; return the report with the written files.
 
     The folder holds `ASSET`, its levels of detail, its collision shape, `preview.png`, a page, and the report
     `bake.json` with relative file names.

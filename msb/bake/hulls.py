@@ -16,15 +16,16 @@ PATCH_CORNERS = 32
 _MIN_THICKNESS = 1e-3
 # A hull is flat, and is thickened, if its volume is below this share of the cube of the diagonal.
 _FLAT_VOLUME = 1e-6
-# Both patches extend this far beyond the cut between them, relative to the diagonal, so that no gap remains.
+# Two neighbouring patches overlap by this distance at their cut, relative to the diagonal, so that no gap
+# remains.
 _OVERLAP = 4e-3
-# Cuts are tried at these quantiles of a patch's points along each principal axis. Trying more cuts takes
-# longer.
+# Cuts are tried at these quantiles of a patch's points along each principal axis.
 _CUT_QUANTILES = (0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)
 # Number of sample points on the faces. Sample points are used in addition to the vertices, because large
 # faces have few vertices.
 _SAMPLE_POINTS = 5000
-# Boxes are fitted to this number of the largest hull faces. The smallest box usually lies on a large face.
+# The search for the smallest box tries this number of the largest hull faces. The smallest box usually lies
+# on a large face.
 _MAX_BASES = 500
 _TINY = np.finfo(np.float64).tiny
 # The corners (8, 3) of a unit box, and its faces (12, 3).
@@ -137,7 +138,7 @@ def fit_box(points: Floats) -> PointsAndFaces:
     """
     bases, corners = _make_hull_frames(points)
     axes = _find_principal_axes(points)
-    axes[2] *= np.sign(np.linalg.det(axes))  # in a mirrored frame the faces would look inwards
+    axes[2] *= np.sign(np.linalg.det(axes))  # A mirrored frame would turn the faces inwards.
     # Extents (n, 3) of the corners along each frame (n, 3, 3), and the frame with the smallest volume.
     frames = np.concatenate([[np.eye(3), axes], bases])
     along = np.einsum("nij,pj->npi", frames, corners)

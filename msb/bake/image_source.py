@@ -30,7 +30,7 @@ from msb.scenes import Camera
 SAMPLES_PER_SIDE = 4
 
 
-# A pixel shows the model if its alpha is at least half a level of 8 bits.
+# A pixel belongs to the model if its alpha is at least half of 1 / 255.
 _MIN_ALPHA = 0.5 / 255
 
 

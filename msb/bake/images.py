@@ -20,11 +20,11 @@ from msb.scenes.colors import Color
 # A function that takes a camera and returns its image (H, W, 3) in the asset's colour space, as float RGB or
 # as integers up to `MAX_LEVEL`.
 DrawImage = Callable[["Camera"], Singles | NDArray[np.uint16]]
-# Images are stored as integers with 16 bits per channel. The rounding error is 257 times smaller than with 8
-# bits, so that it does not limit PSNR.
+# Images are stored as integers with 16 bits per channel. With 16 bits, the rounding error is 257 times
+# smaller than with 8 bits and does not limit PSNR.
 MAX_LEVEL = 65535
-# With this number of views or more, each image is halved on one pixel grid instead of two. Neighbouring views
-# then use different pixel grids. A single grid per image saves a sixth of the pixels.
+# If there are at least this many views, each image is halved on one pixel grid instead of two. Halving on a
+# single grid saves a sixth of the pixels.
 _MANY_VIEWS = 32
 
 
@@ -44,7 +44,7 @@ class ViewImages:
     ) -> None:
         self.cameras = tuple(cameras)
         self.backgrounds = (background,) * len(self.cameras) if backgrounds is None else tuple(backgrounds)
-        """The background colour of each image; `background` by default."""
+        """The background colour of each image."""
         self.background = background
         self.weights = (1.0,) * len(self.cameras)
         """The weight of a pixel of each image in the least-squares fit of colours."""
@@ -86,14 +86,14 @@ class ViewImages:
         An image can be halved on four pixel grids, which are shifted 0 or 1 pixels to the right and down.
         Each image is halved on two grids that together cover all rows and columns. If there are many views,
         each image is halved on one grid only. Successive views use different grids. Pixels of a halved image
-        have a larger weight, so that all image sizes have equal influence. Images of two pixels or less along
-        a side are not halved.
+        have a larger weight, so that all image sizes have equal total weight. Images of two pixels or less
+        along a side are not halved.
         """
         level = [(self, number) for number in range(len(self))]
         chosen, weights = [*level], [1.0] * len(level)
         grids = 1 if len(self) >= _MANY_VIEWS else 2
         while level[0][0].max_pixels > pixels and level[0][0]._shortest_side > 2:
-            # The pixel grids on which view number `turn` is halved. A grid is given by its shift (right,
+            # Choose the pixel grids for halving view number `turn`. A grid is given by its shift (right,
             # down) in pixels of the larger image.
             level = [
                 (images._halve(right, right ^ turn % 2), number)
@@ -116,8 +116,8 @@ class ViewImages:
     def limited_to(self, pixels: int) -> ViewImages:
         """Return these images, halved until the largest has at most `pixels` pixels.
 
-        A pixel of a halved image is the average of four pixels. Each image size is computed once. `close` of
-        these images also deletes the files of their halved images.
+        A pixel of a halved image is the average of four pixels. Each image size is computed once. Closing
+        these images also deletes the temporary files of their halved images.
         """
         if self.max_pixels <= pixels:
             return self
@@ -181,7 +181,10 @@ def quantize(image: Singles | NDArray[np.uint16]) -> NDArray[np.uint16]:
 
 
 class _ImageSubset(ViewImages):
-    """Images that other sets store; each image is a pair of a set and a number in the set."""
+    """A subset of the images of other image sets.
+
+    An image is identified by its set and its number in the set.
+    """
 
     def __init__(self, chosen: Sequence[tuple[ViewImages, int]], weights: Sequence[float]) -> None:
         first = chosen[0][0]

@@ -16,10 +16,10 @@ from msb.meshes.assets import mesh_from_asset, with_vertex_colors
 from msb.meshes.charts import with_sampled_colors
 from msb.meshes.mesh import Mesh
 
-# Limits, tried in this order, for the ratio of a face's blending weight to the number of pixels that the
-# opaque face covers. Faces below the limit are pruned, because the faces behind them contribute more to
-# native renderings. The validation images decide which limit is best. A limit of 0.25 was best for a walled
-# scene and for a garden. Limits above 0.4 open holes.
+# These limits apply to the blending weight of a face, divided by the number of pixels that the opaque face
+# covers. The limits are tried in this order. Faces with a smaller ratio are pruned, because the faces behind
+# them contribute more to native renderings. The validation images decide which limit is best. The value 0.25
+# was best for a walled scene and for a garden. Limits above 0.4 open holes.
 WEIGHT_RATIOS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35)
 # A face is near a camera if its distance is below this share of the median distance of the visible faces.
 _NEAR_SHARE = 0.25

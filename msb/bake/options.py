@@ -23,7 +23,7 @@ Material = Literal["unlit", "lit"]
 CollisionKind = Literal["mesh", "hulls", "box"]
 Effort = Literal["draft", "normal", "fine"]
 
-# Effort -> number of steps of each search, relative to the normal number of steps.
+# Relative number of steps of a search for each `effort`.
 _STEPS: dict[str, float] = {"draft": 0.25, "normal": 1.0, "fine": 2.5}
 
 # Number of faces of a tetrahedron, the smallest closed mesh.
@@ -189,7 +189,10 @@ class BakeOptions:
 
     @property
     def frame(self) -> Frame | None:
-        """The given up direction and unit, without the floor; None if neither is given."""
+        """The up direction and the unit from the options, without the floor.
+
+        None if neither option is given.
+        """
         return make_frame(self.up, self.scale, self.known_distance)
 
     @property

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
     WriteFile = Callable[[BinaryIO], object]
 
-# The smallest mesh with a texture, used to list the files of a textured mesh. The smallest textured mesh
-# needs the same additional files as any textured mesh.
+# The smallest mesh with a texture, used to list the files of a textured mesh. Any textured mesh needs the
+# same additional files.
 _SMALLEST_TEXTURED = Mesh(
     np.zeros((3, 3), np.float32),
     np.arange(3)[None],
@@ -92,14 +92,14 @@ def write_assets(
 ) -> list[tuple[Path, int]]:
     """Write assets to all paths in the formats of their suffixes; if one file fails, write no file.
 
-    Returns, for each asset, its file at the first path and a size in bytes. The size includes additional
+    For each asset, returns its file at the first path and the size in bytes. The size includes additional
     files that this file needs.
     """
     if not paths:
         raise UsageError("USAGE", "missing output; pass a path to write to")
     list_output_files(paths, [asset.ending for asset in assets])
     writes: list[tuple[Path, WriteFile]] = []
-    # For each asset at the first path: the file, and the number of files up to this file.
+    # For each asset at the first path, store the file and the number of files up to this file.
     main: list[tuple[Path, int]] = []
     for path in paths:
         for asset in assets:

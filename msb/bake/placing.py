@@ -19,7 +19,7 @@ _SIDE = 320
 def choose_frame(
     model: Asset, baked: Asset, views: BakeViews, options: BakeOptions, device: str | None
 ) -> Frame | None:
-    """Return the frame of the baked asset; None if it would add nothing to the frame of the model.
+    """Return the coordinate frame of the baked asset. Return None if it equals the frame of the model.
 
     The up direction is given, else taken from the model, else estimated from the cameras of the scene.
     """
@@ -48,7 +48,7 @@ def _find_floor(
         for camera in (*views.training, *views.validation, *views.test):
             small = camera.scaled(min(1.0, _SIDE / max(camera.width, camera.height)))
             depth = renderer.render(small, views.background).depth
-            assert depth is not None  # the standard tier has depths
+            assert depth is not None  # The standard tier renders depths.
             # Height (n,) of the surface at each covered pixel.
             rows, columns = np.nonzero(np.isfinite(depth) & (depth > 0))
             z = depth[rows, columns].astype(np.float64)

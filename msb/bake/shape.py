@@ -23,15 +23,15 @@ from msb.topology.faces import face_vectors
 
 # Angle in degrees above which an edge is a crease, and above which a pixel's normal counts as wrong.
 SHARP = 30.0
-# Pixels whose depths differ by more than this share of the size show different parts, and are excluded.
+# If two depths differ by more than this share of the size, the pixel shows different parts and is excluded.
 _MAX_DEPTH_SHARE = 0.05
-# The size is defined by a box; this percentage of the visible points lies outside the box at each side.
+# The size is measured with a box that excludes this percentage of the visible points at each side.
 _TRIM_PERCENT = 1.0
 
 
 @dataclass(frozen=True)
 class Bending:
-    """How strongly the visible part of a surface bends.
+    """Measures of how strongly the visible part of a surface bends.
 
     Attributes
     ----------

@@ -29,7 +29,10 @@ if TYPE_CHECKING:
 
 
 def find_color_seams(points: NDArray[Any], faces: NDArray[Any]) -> Seams | None:
-    """Return the cut edges of a mesh, or None without a cut; any attribute may differ across a cut."""
+    """Return the cut edges of a mesh, or None if it has no cut.
+
+    Any attribute may differ across a cut edge.
+    """
     return find_seams(points, faces, {"color": np.arange(len(points))[:, None]})
 
 
@@ -137,7 +140,7 @@ class Soup:
         return sums
 
     def measure_error(self, renderer: SoupRenderer) -> float:
-        """Return the mean squared error in the views of `renderer`."""
+        """Return the mean squared error over the views of `renderer`."""
         self.upload(renderer)
         return renderer.measure_error()
 

@@ -25,12 +25,13 @@ from msb.render.standard.renderer import StandardRenderer, view_record
 from msb.render.standard.supersampling import box_mean
 from msb.render.standard.triangles import RECORD_DEFINES
 
-# Sums per face: six products of weights (aa, ab, ac, bb, bc, cc), then red, green, blue times a, b and c.
+# Sums per face: the products of the weights (aa, ab, ac, bb, bc, cc), and the products of red, green and blue
+# with a, b and c.
 SUMS_PER_FACE = 15
 # Work-items of a work-group, for all kernels of this module. All devices support work-groups of this size.
 _GROUP = 64
-# `measure_error` compares averages of blocks with this number of pixels along a side. Most of the error of
-# single pixels comes from edges, and depends on the position of an edge between samples.
+# `measure_error` compares the averages of pixel blocks with this side length. The error of single pixels
+# depends mainly on the subpixel positions of edges.
 _BLOCK = 2
 # Number of bytes of target images that stay on the device. Target images that exceed this size are sent to
 # the device one by one when they are needed.
@@ -190,10 +191,10 @@ class SoupRenderer(SupervisedRenderer):
     def measure_changes(self, owner: NDArray[np.int32], proposals: int) -> Floats:
         """Return the increase of the squared error of each stored view that each proposal causes.
 
-        `owner` (F,) is the number of the proposal that a face belongs to, or -1. A pixel's change is assigned
-        to the proposals of the face before and of the face after the change. If a pixel changes between the
-        faces of two proposals, each proposal gets one half. The result (views, proposals) is in squared
-        differences of colours in [0, 1], summed over channels and pixels.
+        `owner` (F,) is the proposal number of each face, or -1. A pixel's change is assigned to the proposals
+        of the face before and of the face after the change. If a pixel changes between the faces of two
+        proposals, each proposal gets one half. The result (views, proposals) is in squared differences of
+        colours in [0, 1], summed over channels and pixels.
         """
         views = len(self._numbers)
         owners = self._scratch("owner", self._count, np.int32)

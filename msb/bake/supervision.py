@@ -23,8 +23,8 @@ from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
 from msb.scenes.datasets import Scene, scene_of
 
-# Photographs supervise if they gain at least this number of dB on the photographs of the validation views. A
-# smaller PSNR gain is not worth the loss of the native rendering.
+# Photographs supervise if they gain at least this number of dB in the validation views, compared with the
+# photographs. A smaller PSNR gain is not worth the loss of the native rendering.
 _MIN_GAIN = 0.5
 
 
@@ -70,7 +70,7 @@ def make_best_attempt(
         "native": native,
         "photographs": _make_attempt(inputs, options, "photographs", stack, stopped),
     }
-    # Compare the two attempts on photographs that did not supervise.
+    # Compare the two attempts with the photographs of the validation views.
     cameras = [camera for camera in native.views.validation if _has_photograph(camera)]
     psnr = {}
     with native.source.photographs(cameras) as targets:

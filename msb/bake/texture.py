@@ -1,7 +1,7 @@
 """The texture of a mesh by least squares over the pixels of images.
 
-The equations assume that texels are blended in sRGB and stored without rounding. So the standard tier draws
-the actual image, and the equations give the change of the texels that reduces the remaining error.
+The equations assume that texels are blended in sRGB and stored without rounding. The standard tier renders
+the current image. The equations give the change of the texels that reduces the remaining error.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from msb.cl import Device
 
 # The first pass over the images uses every 6th image, the second pass all images. The second pass corrects
-# rounding and blending, which the equations ignore; few images suffice for the first pass.
+# rounding and blending errors, which the equations ignore.
 FIRST_PASS_STEP = 6
 # Smallest and largest default number of texels along a side. With 256 texels along a side, the demo models
 # lose 0.3 dB; 4096 is the largest texture of many phones.
@@ -144,8 +144,7 @@ def _get_corner_colors(mesh: Mesh, pixels: Floats | None) -> NDArray[Any]:
 def _contract_vertices(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Floats:
     """Return the vertices (V, 3) of a scene with its far parts contracted.
 
-    Without the contraction, a chart from the foreground to the horizon would have the same number of texels
-    per length everywhere.
+    Without the contraction, distant parts of a chart would get as many texels per length as near parts.
     """
     points = find_visible_points(mesh, cameras, device)
     return Space.fit(points, cameras).from_world(mesh.vertices) if len(points) else mesh.vertices

@@ -1,9 +1,9 @@
 """The normal equations of a texture and its mip levels are stored as stencils and solved on the device.
 
-A pixel that lies on one mip level shows four neighbouring texels; a pixel between two levels shows four
-texels of each level. So a texel is only coupled to its eight neighbours in the same level. A texel of a
-smaller mip level is the average of four texels of the next larger level. The memory therefore grows with the
-number of texels, not with the number of pixels.
+A pixel on one mip level shows four neighbouring texels. A pixel between two levels shows four texels of each
+level. So a texel is only coupled to its eight neighbours in the same level. A texel of a smaller mip level is
+the average of four texels of the next larger level. The memory therefore grows with the number of texels, not
+with the number of pixels.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ class TextureEquations(OnDevice):
         return result
 
     def _describe_levels(self) -> list[tuple[int, tuple[np.uint32, np.uint32, np.int32]]]:
-        """Return (texels, (first texel, first texel of the next level or 0, side)) for each level."""
+        """Return a pair for each level: the number of texels, and (first texel, next first texel or 0, side)."""
         starts = [*map(np.uint32, self.starts[:-1]), np.uint32(0)]
         sides = self.sides.tolist()
         return [(n * n, (starts[k], starts[k + 1], np.int32(n))) for k, n in enumerate(sides)]

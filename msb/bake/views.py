@@ -27,19 +27,19 @@ from msb.scenes.sets import split_every_8th
 from msb.scenes.walk import fill_gaps
 from msb.views import ChosenViews, check_given_views, find_training_views, generate_views
 
-# Rings of generated views as pairs (degrees above the horizon, number of views), 40 views in all. Rings near
-# the pole are smaller and have fewer views.
+# Each pair gives a ring of generated views: degrees above the horizon, and number of views. The rings have 40
+# views in all.
 RINGS = ((15.0, 18), (40.0, 14), (65.0, 8))
 # Rings of views from below the horizon. Views from below are only generated for mesh files. Training cameras
 # rarely look up from below, so a trained model is arbitrary on its underside.
 RING_BELOW = (-35.0, 12)
-# Rings of generated views for Gaussians, 48 views in all. The last ring of cameras looks up a little, because
-# captures of objects also have such views. The model fills each of these generated views.
+# Rings of generated views for Gaussians, 48 views in all. The lowest cameras look up a little, because object
+# captures also contain such views. The model fills each of these generated views.
 SPLAT_RINGS = ((5.0, 16), (25.0, 14), (50.0, 10), (-12.0, 8))
 _SPLAT_PIXELS = 384 * 768
 # Background colours of generated views, for Gaussians without a recorded background.
 _GREYS: tuple[Color, Color] = ((0.3, 0.3, 0.3), (0.7, 0.7, 0.7))
-# Width and height of generated views in pixels. Small captures for training have about this image size.
+# Width and height of generated views in pixels. Small captures have about this image size.
 _GENERATED_SIZE = 480, 360
 # Number of pixels of the largest view. Larger views are scaled down to limit the time of a bake.
 MAX_PIXELS = 1 << 20
@@ -61,8 +61,8 @@ class BakeViews:
     ----------
     training, validation, test : tuple of Camera
         Training views supervise the fit. Validation views are taken from the training views and decide
-        between results. Test views are held out for the final measurement. One view alone is a training view;
-        with fewer than three training views, there is no validation view.
+        between results. Test views are held out for the final measurement. A single view is a training view.
+        With fewer than three training views, there is no validation view.
     interpolated : tuple of Camera
         Additional training views between the other views, if there are few views.
     origin : {"scene", "given", "training", "turntable", "inside", "both"}
@@ -181,7 +181,7 @@ def choose_bake_views(
 
 
 def _with_two_backgrounds(views: BakeViews) -> BakeViews:
-    """Return the views with two grey backgrounds in turn, so that any model has an outline."""
+    """Alternate between two grey backgrounds, so that the outline of any model is visible."""
     groups = (views.all_but_test, views.test)
     colors = {
         str(camera.name): _GREYS[number % 2] for cameras in groups for number, camera in enumerate(cameras)
