@@ -90,7 +90,10 @@ def make_mesh_buffers(mesh: Mesh, origin: Origin | None = None) -> MeshBuffers:
 def _needs_keys(
     positions: NDArray[np.float32], buffers: dict[str, NDArray[Any]], domains: dict[str, Domain]
 ) -> bool:
-    """Return whether two vertices have equal positions and attributes; only then seam keys have an effect."""
+    """Return whether two vertices have equal positions and attributes.
+
+    Otherwise, seam keys have no effect.
+    """
     stored = [buffers[name] for name, domain in domains.items() if domain == "vertex"]
     rows = hash_attributes([positions, *stored])
     return len(np.unique(rows)) < len(rows)
@@ -156,8 +159,8 @@ def _with_textures(mesh: Mesh, asset: Asset) -> Mesh:
 def align_baked(baked: Asset, asset: Asset) -> Asset:
     """Convert a mesh that was baked from `asset` to the coordinates and the origin of `asset`.
 
-    Files of baked meshes are rotated so that +y is up, because their formats require this axis. The function
-    reverses the rotation of the vertices.
+    Files of baked meshes are rotated so that +y is up, because their formats require this axis. This function
+    undoes the rotation.
     """
     mesh, up = mesh_from_asset(baked), written_up(asset)
     vertices = rotate_axis(mesh.vertices, mesh.up or "unknown", up or "unknown")
@@ -177,7 +180,7 @@ def with_vertex_colors(mesh: Mesh) -> Mesh:
 def fit_to_format(mesh: Mesh, suffix: str, *, is_upright: bool = False) -> Mesh:
     """Return `mesh` reduced to the data that files of `suffix` can store.
 
-    An audit of the written file would see this mesh.
+    An audit of the written file examines this mesh.
 
     Colours and UVs are moved to the elements for which the format stores them, usually vertices. Textures
     become vertex colours if the format has no textures. The mesh is in metres if its unit is known. A mesh

@@ -63,7 +63,7 @@ def srgb_colors(linear: NDArray[Any], most: int = 0) -> NDArray[Any]:
     """Return linear colours (N, 3 | 4), uint8 or float32, as sRGB; alpha is unchanged.
 
     The sRGB colours are uint8 if bytes represent all given values exactly, else float32. If `most` is 65535,
-    the float colours represent uint16 values.
+    float colours were uint16 values in the file.
     """
     if linear.dtype == np.uint8:
         stored, most = linear, 255
@@ -96,7 +96,8 @@ def _quantize(values: NDArray[Any], most: int) -> NDArray[np.intp]:
 
 @cache
 def _build_table(most: int) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]:
-    """Return three arrays for the linear levels 0..`most`: sRGB value, nearest byte, exactness.
+    """For each linear level in 0..`most`, return its sRGB value, the nearest byte, and whether this byte is
+    exact.
 
     A byte is exact if it converts back to the same linear level.
     """

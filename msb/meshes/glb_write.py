@@ -154,7 +154,7 @@ def split(mesh: Mesh, attributes: dict[str, NDArray[Any]]) -> Iterator[Primitive
         return
     used, starts = np.unique(mesh.face_textures, return_index=True)
     faces = np.split(mesh.faces, starts[1:])
-    # A primitive has the vertices in rows first[number] to first[number + 1].
+    # The vertices of primitive i are the rows first[i] to first[i + 1] - 1.
     first = [0, *(int(group.min()) for group in faces[1:]), len(mesh.vertices)]
     for number, texture in enumerate(used.tolist()):
         selected = slice(first[number], first[number + 1])

@@ -20,7 +20,7 @@ _NEAREST_FILTERS = (_NEAREST, 9984, 9986)
 _WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _UNLIT, _TRANSFORM, _WEBP = "KHR_materials_unlit", "KHR_texture_transform", "EXT_texture_webp"
 _GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
-# Keys of material properties that are not read -> names of these properties.
+# Maps keys of unread material properties to names for messages.
 _OTHERS = {
     "normalTexture": "normal maps",
     "occlusionTexture": "occlusion maps",
@@ -84,7 +84,7 @@ def _find_surface(
 
     Usually, the colour of a material is the base colour of the metallic-roughness model. If the
     metallic-roughness model has no base colour, the diffuse colour of the specular-glossiness model is used.
-    The diffuse colour is also used if the diffuse colour has a texture and the base colour only has a factor.
+    The diffuse colour also takes precedence if it has a texture and the base colour does not.
     """
     surface = document.object(material, "pbrMetallicRoughness", pointer)
     extensions = document.object(material, "extensions", pointer)

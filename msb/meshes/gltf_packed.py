@@ -22,8 +22,9 @@ MESHOPT = ("KHR_meshopt_compression", "EXT_meshopt_compression")
 DRACO = "KHR_draco_mesh_compression"
 _MODES = ("ATTRIBUTES", "TRIANGLES", "INDICES")
 _FILTERS = ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")
-# Prefixes of the attributes that are read, and names of attributes that only explain duplicated vertices. If
-# attributes that only explain duplicates cannot be decoded, the mesh is read without them.
+# `_READ` has prefixes of attributes that are read. `_EXPLAINING` has attributes that only explain duplicated
+# vertices. Attributes that explain duplicates are optional: if their decoding fails, the mesh is
+# read without them.
 _READ = ("POSITION", "COLOR_0", "TEXCOORD_", "JOINTS_", "WEIGHTS_")
 _EXPLAINING = ("NORMAL", "TANGENT")
 # Time limit of the child process, in seconds.
@@ -35,7 +36,7 @@ Job = dict[str, Any]
 
 
 def unpack(document: Document, meshes: list[int]) -> None:
-    """Decode the compressed arrays of `meshes`, except arrays with an uncompressed copy.
+    """Decode the compressed arrays of `meshes`, unless the file also contains the uncompressed array.
 
     Decoded buffer views are stored in `document.views`. Attributes and indices of Draco primitives are stored
     in `document.packed`. `document.limit` is the limit of the total size of the decoded arrays.

@@ -44,8 +44,8 @@ class Poses:
     def apply(self, part: PrimitiveArrays, primitive: Primitive, placed: PlacedMesh) -> PrimitiveArrays:
         """Return `part`, the arrays of `primitive`, in world coordinates.
 
-        The transform of a node does not affect a mesh with a skin. If its skin cannot be read, the mesh is
-        returned as stored.
+        The transform of a node does not affect a mesh with a skin. If the skin cannot be read, the mesh is
+        returned without its pose.
         """
         try:
             part = self._morph(part, primitive, placed)
@@ -135,7 +135,7 @@ class Poses:
         return read_numbers(stored)
 
     def _find_joints(self, skin: Any) -> Floats | None:
-        """Return the matrices of a skin, or None if they cannot be read; each skin is read once."""
+        """Return the matrices of a skin, or None if the skin cannot be read. Each skin is read only once."""
         if str(skin) not in self._joints:
             try:
                 self._joints[str(skin)] = self._read_joints(skin)
@@ -172,6 +172,6 @@ class Poses:
 
 
 def _has_skin(primitive: Primitive, placed: PlacedMesh) -> bool:
-    """Return whether joints, instead of the node, move the vertices of a primitive."""
+    """Return whether a primitive is moved by the joints of a skin instead of its node."""
     attributes = primitive.entry.get("attributes", {})
     return "skin" in placed.node and {"JOINTS_0", "WEIGHTS_0"} <= attributes.keys()

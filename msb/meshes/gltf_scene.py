@@ -65,10 +65,10 @@ _HARMLESS = (
     "CESIUM_primitive_outline",
 )
 # The parts of a file that only affect the appearance or movement of a mesh. An unknown extension is harmless
-# if only these parts of the file use it.
+# if only these parts use the extension.
 _LOOKS = ("materials", "textures", "images", "samplers", "animations", "cameras")
 
-# Names, for messages, of attributes that are not read; the keys have no set number.
+# Names of unread attributes for messages. The keys omit the set number.
 _ATTRIBUTES = {
     "NORMAL": "normals",
     "TANGENT": "tangents",
@@ -151,7 +151,10 @@ def _check_extensions(document: Document) -> None:
 
 
 def _list_extended_parts(document: Document) -> dict[str, set[str]]:
-    """Return, for each extension, the keys of the root object that use it; "" is the root itself."""
+    """For each extension, return the keys of the root object whose values use the extension.
+
+    The key "" means the root object itself.
+    """
     places: dict[str, set[str]] = {}
     waiting: list[tuple[str, Any]] = [("", document.root)]
     while waiting:
@@ -272,16 +275,16 @@ def _has_srgb_colors(document: Document) -> bool:
 
 
 def _combine_colors(part: PrimitiveArrays, cutoff: float | None, is_srgb: bool) -> NDArray[Any] | None:
-    """Return the sRGB colours (V, 3 | 4) of a part, multiplied with the base factor; None for white.
+    """Return the sRGB colours (V, 3 | 4) of a part, multiplied with the base factor.
 
-    `cutoff` is the alpha cut-off of the mesh. If the part has a different cut-off, alpha is scaled by the
-    ratio of the two cut-offs. If the part has no cut-off, alpha is 1. Without a `cutoff`, alpha is kept as
-    stored and ignored.
+    Return None if all are white. `cutoff` is the alpha cut-off of the mesh. If the part has a different
+    cut-off, alpha is scaled by the ratio of the two cut-offs. If the part has no cut-off, alpha is 1. If
+    `cutoff` is None, alpha is returned unchanged, and renderers ignore it.
     """
     factor, part_cutoff = np.array(part.base.factor, np.float32), part.base.cutoff
     if cutoff is None or part_cutoff is None:
         factor[3] = 1
-    else:  # float64, because cut-offs may be too small or too large for float32
+    else:  # Cut-offs may exceed the range of float32, so use float64.
         factor[3] = part.base.factor[3] * (cutoff / part_cutoff)
     colors = part.colors
     if colors is None:
@@ -313,7 +316,7 @@ def _join_colors(colors: list[NDArray[Any] | None], parts: list[PrimitiveArrays]
 
 
 def _list_left_out(document: Document, meshes: Iterable[int], colors: list[BaseColor]) -> dict[str, None]:
-    """Return the names of all data in the file and in the `meshes` of the scene that is not read.
+    """Return names of all unread data in the file and in the given `meshes`.
 
     Malformed entries of the JSON are skipped, because the reader does not use them.
     """

@@ -49,7 +49,7 @@ def is_single_texel(image: NDArray[np.uint8], mesh: Mesh) -> bool:
 
 
 def describe_counts(images: int, colors: int) -> list[str]:
-    """Return the numbers of images and material colours of a file as text, without zero numbers."""
+    """Return the numbers of images and material colours as text. Zero numbers are omitted."""
     counts = {"texture": images, "material colour": colors}
     return [f"{count} {noun}{'' if count == 1 else 's'}" for noun, count in counts.items() if count]
 

@@ -13,7 +13,7 @@ from msb.meshes.source import Source
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 _EMBEDDED = re.compile(r"data:[^,]{0,200},", re.IGNORECASE)
-# The bytes of each file that was read, by its path and the largest requested number of bytes.
+# The bytes of the linked files that were read. A key has the path and the largest number of bytes.
 Files = dict[tuple[Path, int | None], bytes]
 
 
@@ -28,7 +28,7 @@ def read_uri(source: Source, uri: str, pointer: str, most: int | None, files: Fi
             data = unquote_to_bytes(uri[embedded.end() :])
             is_base64 = embedded[0].lower().endswith(";base64,")
             return base64.b64decode(data, validate=True) if is_base64 else data
-        except ValueError:  # lone surrogates raise this error as well
+        except ValueError:  # Lone surrogates also raise this error.
             raise source.error("MESH_FILE_INVALID", "the data is not valid base64", pointer=pointer) from None
     name = unquote(uri)
     key = resolve_linked_path(source, name, pointer), most
@@ -40,7 +40,7 @@ def read_uri(source: Source, uri: str, pointer: str, most: int | None, files: Fi
 def read_linked_file(source: Source, name: str, pointer: str, most: int | None) -> bytes:
     """Return the content of the file `name` in the folder of a mesh file.
 
-    If the file is longer than `most` bytes, its first `most` + 1 bytes are returned; None means no limit.
+    If the file is longer than `most` bytes, only `most` + 1 bytes are returned. The value None sets no limit.
     """
     place = resolve_linked_path(source, name, pointer)
     try:

@@ -113,8 +113,8 @@ def _add_vertices(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> 
     first = np.cumsum(widths) - widths
     parts.vertices.append(values[first[:, None] + np.arange(3)])
     parts.vertex_count += len(widths)
-    # Keep the colours of a block if all its lines have the same number of channels. `read` uses the colours
-    # if the number of channels is the same in all blocks.
+    # Keep the colours of a block if its lines have equal numbers of channels. The colours are used if all
+    # blocks have the same number of channels.
     widths_here = {_COLOR_WIDTHS.get(width, 0) for width in np.unique(widths).tolist()}
     parts.color_widths |= widths_here
     if widths_here in ({3}, {4}):
@@ -164,7 +164,7 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
         columns = np.column_stack((columns, colors))
         form += " %.9g" * colors.shape[1]
     write_rows(stream, form, columns)
-    # indices: the vertex of each corner (F, 3), and the texture coordinate and normal if there are any.
+    # Collect the indices (F, 3) of vertices, texture coordinates and normals.
     indices, corner = [mesh.faces + 1], "%d"
     if mesh.vertex_uvs is not None or mesh.corner_uvs is not None:
         rows, numbers = _index_coordinates(mesh)

@@ -150,7 +150,7 @@ def _read_keyword(text: Source, content: bytes) -> tuple[frozenset[str], bytes]:
 
 
 def _read_vertices(table: Table, header: _Header) -> tuple[NDArray[np.float64], NDArray[Any] | None]:
-    """Return the vertices (V, 3) and their colours; the colours are None if there are none.
+    """Return the vertices (V, 3) and their colours, or None instead of missing colours.
 
     A line has the position, then the optional normal, colour and texture coordinates.
     """

@@ -90,8 +90,8 @@ def place(mesh: Mesh, *, is_upright: bool) -> Mesh:
         return mesh
     axis = mesh.up if up is None else nearest_axis(up)
     if rotates and up is not None:
-        # For axes, coordinates are swapped and negated, which is exact; for other directions, use the
-        # smallest rotation.
+        # An axis only swaps and negates coordinates, which is exact. Other directions use the smallest
+        # rotation.
         columns = rotate_axis(np.eye(3), axis or "+y") if is_axis(up) else _rotate_to_y(np.array(up)).T
         rotation = np.ascontiguousarray(columns.T)
     else:
@@ -118,7 +118,7 @@ def _rotate_to_y(up: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def take_back(mesh: Mesh, data: Any) -> Mesh:
-    """Return a mesh in the coordinates of the capture, which the JSON `data` of its file records.
+    """Return a mesh in the coordinates of the capture. The file's JSON `data` records these coordinates.
 
     Invalid placement data is ignored, because any program may have written it.
     """

@@ -126,7 +126,10 @@ def _write_records(
 
 
 def _hash_unread(vertices: Rows, body: Body, read: set[str]) -> NDArray[np.uint32] | None:
-    """Return the seam keys (V,) from the vertex properties that are not in `read`, or None without any."""
+    """Return the seam keys (V,) from the vertex properties that are not in `read`.
+
+    Return None if all properties are in `read`.
+    """
     names = [
         entry.name for entry in vertices.element.properties if entry.name not in read and not entry.count_type
     ]

@@ -43,8 +43,8 @@ class Body(Protocol):
     def _after(self, place: NDArray[np.int64], wanted: Property) -> NDArray[np.int64]:
         """Return the offset (N,) after a property at offset `place` (N,).
 
-        An invalid list length in a text body gives an offset beyond the table, so that `next_rows` rejects
-        the row.
+        In a text body, an invalid list length gives an offset beyond the table. `next_rows` then rejects the
+        row.
         """
 
     def next_rows(self, element: Element) -> Rows:
@@ -63,7 +63,7 @@ class Body(Protocol):
         """Return the lengths (N,) and the concatenated numbers (C,) of a list property."""
 
     def wrong_face(self, rows: Rows, row: int, index: int, vertices: int) -> str | None:
-        """Return the text for `Mesh.wrong_face` for a row with the invalid vertex `index`.
+        """Return the text for `Mesh.wrong_face` about the row with the invalid vertex `index`.
 
         The result is None for binary files, because they have no line numbers.
         """

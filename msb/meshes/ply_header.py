@@ -35,8 +35,8 @@ _COUNT = re.compile(r"\d{1,18}")
 class Property:
     """A property.
 
-    The field `type` is a value of `TYPES`. For a list, `count_type` is a value of `TYPES`; for a scalar, it
-    is empty.
+    The field `type` is a value of `TYPES`. The field `count_type` is a value of `TYPES` for a list, and empty
+    for a scalar.
     """
 
     name: str

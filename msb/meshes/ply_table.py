@@ -26,7 +26,7 @@ class PlyTable:
     def columns(self, names: Sequence[str]) -> NDArray[np.float32]:
         """Return the properties `names` as a new (count, len(names)) float32 array."""
         values = np.zeros((self.count, len(names)), np.float32)
-        with np.errstate(over="ignore"):  # callers reject infinite values
+        with np.errstate(over="ignore"):  # Callers reject infinite values.
             for number, name in enumerate(names):
                 values[:, number] = self._columns[name]
         return values
@@ -56,7 +56,7 @@ def read_ply_table(path: Path) -> PlyTable:
     if [name for name, table in tables.items() if table.count] != ["vertex"]:
         raise source.error(
             "MESH_FILE_INVALID",
-            "the file is not a table; only element 'vertex' may have rows, and these must not have lists",
+            "the file is not a table; only element 'vertex' may have rows, and it must not have lists",
         )
     return tables["vertex"]
 

@@ -98,7 +98,7 @@ def _turn(uvs: NDArray[np.generic]) -> NDArray[np.float32]:
 def _read_numbers(body: Body, faces: Rows, images: int) -> NDArray[np.int64]:
     """Return the number (N,) of the image of each polygon.
 
-    An invalid number becomes the number of images, `images`.
+    An invalid image number is replaced by `images`, the number of images.
     """
     entry = faces.element.find(_NUMBER)
     if images == 1 or entry is None or entry.count_type:

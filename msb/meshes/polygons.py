@@ -13,7 +13,7 @@ _AREA_TOLERANCE = 1e-6
 # Rounding error of areas for float32 coordinates, relative to the squared size of a polygon.
 _ROUNDING = 4e-7
 # Limit of the work for cutting ears. The work is the sum of the squared numbers of corners of all polygons.
-# The work limit is a fixed number, plus a number for each corner of the file. Polygons beyond the limit
+# The limit is `_WORK` plus `_WORK_PER_CORNER` for each polygon corner of the file. Polygons beyond the limit
 # become triangle fans. In a small file, outlines of up to 2,048 corners are triangulated, which takes a
 # second.
 _WORK, _WORK_PER_CORNER = 1 << 22, 64
@@ -279,8 +279,8 @@ class _Ring:
 
         The shape is the area divided by the sum of squared sides. An ear contains no other corner of the
         polygon, not even on its sides. Corners that coincide with a corner of the ear are ignored. Coinciding
-        corners exist where a cut joins a hole to the outline. No side of the polygon may lead from the tip of
-        an ear into the triangle.
+        corners exist where a cut joins a hole to the outline. An ear is invalid if another side of the
+        polygon leads from the tip of the ear into its triangle.
         """
         every = np.arange(len(corner))
         before, after = self.before[every, corner], self.after[every, corner]
@@ -299,7 +299,7 @@ class _Ring:
         is_inside = (_area(a, b, q) >= 0) & (_area(b, c, q) >= 0) & (_area(c, a, q) >= 0)
         at_tip, at_end = ((q[0] == p[0]) & (q[1] == p[1]) for p in (b, a))
         at_end |= (q[0] == c[0]) & (q[1] == c[1])
-        # A side leads into the triangle if it lies between the two sides of the triangle at the tip.
+        # A side leads into the triangle if its direction lies between the two sides at the tip.
         leads_in = np.zeros(len(polygon), bool)
         for neighbours in (self.before, self.after):
             end = neighbours[polygon, number]
@@ -365,8 +365,8 @@ def find_wrong_polygon(
 def join_faces(parts: Iterable[NDArray[np.int64]], counts: Sequence[int]) -> NDArray[np.int64]:
     """Concatenate the faces of several parts, renumbered for the concatenated vertices.
 
-    `counts` are the numbers of vertices of the parts. An index outside its part is moved outside all
-    vertices, so it stays invalid.
+    `counts` are the numbers of vertices of the parts. An invalid index of a part is changed to an index that
+    is invalid in the result.
     """
     total, base, joined = sum(counts), 0, []
     for faces, count in zip(parts, counts, strict=True):

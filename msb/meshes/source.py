@@ -66,7 +66,7 @@ class Source:
         """Return the error for content that is not of format `name`.
 
         If the content looks like another format, the error names that format. If no format is recognised, the
-        error gives the reason `why`.
+        error message gives the reason `why`.
         """
         other = self.looks_like()
         if other is not None and other.title != name:

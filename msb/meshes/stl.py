@@ -18,7 +18,7 @@ from msb.meshes.text import Words, word_blocks
 from msb.meshes.writing import ROWS_AT_A_TIME, as_float32
 
 _HEADER_BYTES = 84
-# The bytes of a face in a binary file. 80 arbitrary bytes and the number of faces precede the faces.
+# Bytes of one face in a binary file.
 _FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 # The first words of the lines of a face, in order.
@@ -32,8 +32,8 @@ _FACE_CODES = [_CODES[keyword] for keyword in _LINES]
 def read(source: Source) -> Mesh:
     """Read a binary or text STL file. Several solids are concatenated; normals and attributes are ignored.
 
-    Vertices of text files are also float32, unless they need an origin. With float64 coordinates, the areas
-    of published files would change by 2e-8. The mesh has 3F vertices, and the faces are (0, 1, 2), (3, 4, 5),
+    Vertices of text files are also float32, unless they need an origin. The precision float64 would change
+    the areas of published files by 2e-8. The mesh has 3F vertices, and the faces are (0, 1, 2), (3, 4, 5),
     and so on.
     """
     data = source.data
@@ -114,7 +114,7 @@ def _check_order(text: Source, codes: NDArray[np.uint8], places: NDArray[np.int6
     `codes` (L,) are the codes of the lines' first words, `places` (L,) the byte offsets of the lines.
     """
     between = codes >= _CODES[b"solid"]
-    # All lines except "solid" and "endsolid" must be complete faces, with lines in this order.
+    # Every face must consist of these lines in this order, except for "solid" and "endsolid" lines.
     in_faces = np.flatnonzero(~between)
     expected = np.resize(_FACE_CODES, len(in_faces))
     wrong = in_faces[codes[in_faces] != expected]

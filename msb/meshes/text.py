@@ -26,8 +26,8 @@ EXACT_INTEGER = 2**53
 
 _IS_SPACE = np.isin(np.arange(256), list(b" \t\n\r\v\f"))
 _IS_FRACTION = np.isin(np.arange(256), list(b".eEnN"))
-# A number. The possessive quantifiers (++, *+) never backtrack. So a million digits followed by a letter are
-# rejected in linear time.
+# A number. The possessive quantifiers (++, *+) never backtrack. Therefore a million digits with a letter at
+# the end are rejected in linear time.
 _NUMBER = re.compile(rb"[+-]?((\d++\.?\d*+|\.\d++)(e[+-]?\d++)?|inf|infinity|nan(\(\w*+\))?)", re.IGNORECASE)
 
 
@@ -110,8 +110,8 @@ class Words:
         """Return the selected words (T,) as zero-based OBJ indices.
 
         In the file, positive indices count from 1. Negative indices count backwards; -1 is the last element
-        above the line. `above` (L,) is the number of elements above each line. `of` is the name of the
-        elements in messages.
+        above the line. `above` (L,) is the number of elements above each line. Messages call the elements
+        `of`.
         """
         values = self.numbers(chosen)
         at = find_not_whole(values)
@@ -245,7 +245,7 @@ def _split_words(source: Source, start: int, end: int, comments: bool) -> Words:
     space[1:-1] = _IS_SPACE[text]
     edges = np.flatnonzero(space[1:] != space[:-1])
     begins = edges[0::2]
-    # A word is the first of its line if more line ends precede this word than the previous word.
+    # A word begins a line if a line end lies between this word and the previous word.
     line = np.cumsum(line_end, dtype=np.int32)[begins]
     first = np.flatnonzero(np.diff(line, prepend=-1))
     count = np.diff(first, append=len(begins))

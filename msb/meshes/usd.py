@@ -78,7 +78,7 @@ def read(source: Source) -> Mesh:
         from msb.meshes.assets import with_corner_colors
 
         with about(source.path):
-            check_indices(mesh)  # before vertices are split
+            check_indices(mesh)  # Check the indices before vertices are split.
         mesh = with_corner_colors(mesh, colors["corner"])
     if "corner_normals" in arrays:
         mesh = replace(mesh, corner_keys=hash_attributes([arrays["corner_normals"]]))

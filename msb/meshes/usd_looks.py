@@ -1,6 +1,6 @@
 """Splits a textured mesh into groups of faces that one UsdPreviewSurface material can show.
 
-A UsdPreviewSurface material shows an image multiplied with one colour, or one colour, or the primvar
+A UsdPreviewSurface material shows either an image multiplied with one colour, a single colour, or the primvar
 `displayColor`. A UsdPreviewSurface material cannot multiply an image with colours that vary between vertices.
 """
 
@@ -32,7 +32,7 @@ class FaceGroup:
     image : int, optional
         The number of the texture.
     color : tuple of float, optional
-        The colour of the faces or, if they have an image, its factor; linear light. None means
+        The colour of the faces or, if they have an image, its factor; linear light. The value None means
         `displayColor`.
     is_average : bool
         Whether the colour replaces colours that vary.

@@ -18,7 +18,7 @@ _BLACK, _ONES, _ZEROS = (0.0, 0.0, 0.0), (1.0,) * 4, (0.0,) * 4
 # Longest chain of UsdTransform2d nodes that is followed. Malicious files may connect UsdTransform2d nodes in
 # a circle.
 _MAX_TRANSFORMS = 16
-# Names of UsdPreviewSurface inputs that are not read if a shader computes them.
+# UsdPreviewSurface inputs that cannot be read if a shader computes their values, with names for messages.
 _OTHER_MAPS = {
     "normal": "normal maps",
     "occlusion": "occlusion maps",
@@ -253,7 +253,7 @@ def _number(value: Any, default: float) -> float:
 
 
 def list_numbers(value: Any) -> Vector:
-    """Return the numbers in `value`; empty if it is missing or not numeric."""
+    """Return the numbers in `value`, or an empty list if `value` is not numeric."""
     try:
         return tuple(np.array([] if value is None else value, np.float64).reshape(-1).tolist())
     except (TypeError, ValueError):

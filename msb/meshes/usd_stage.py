@@ -16,7 +16,7 @@ Floats = NDArray[np.float32]
 # A domain ("constant", "vertex", "face", "corner") and its values (n, width).
 Values = tuple[str, Floats]
 
-# Domains of the values of a primvar, by its interpolation. If the interpolation is different, values are per
+# Maps the interpolation of a primvar to the domain of its values. All other interpolations mean one value per
 # vertex.
 _DOMAINS = {"uniform": "face", "faceVarying": "corner"}
 
@@ -26,7 +26,7 @@ class _PrimArrays:
     """The triangles of a mesh prim with their colours, UVs and textures.
 
     `colors` (linear light) and `uvs` are None if the prim does not define them. `textures` (F,) are image
-    numbers. `normals` explain duplicated vertices and are not kept.
+    numbers. `normals` are only used to explain duplicated vertices.
     """
 
     points: NDArray[Any]
@@ -178,8 +178,8 @@ class _Reader:
     ) -> None:
         """Add colours, UVs and textures to the `arrays` of a prim.
 
-        `materials` are the materials of the prim, with the triangles of each material. `read` is a function
-        of the name of a primvar and the width of its values; it returns the values.
+        `materials` are the materials of the prim, with the triangles of each material. `read(name, width)`
+        returns the values of a primvar.
         """
         # Read the texture coordinates of the images. A material without texture coordinates loses its image.
         placed: dict[tuple[str, Any], Values | None] = {}
@@ -343,7 +343,8 @@ def _combine(
 ) -> Values | None:
     """Combine the values of the materials of a prim. Return None if no triangle has values.
 
-    Each of the `pieces` has the triangle numbers of a material, and its values for the whole prim.
+    Each of the `pieces` consists of the triangle numbers of a material, and the material's values for the
+    whole prim.
     """
     given = [values for _, values in pieces]
     if all(values is None for values in given):
@@ -393,7 +394,7 @@ def _join_parts(parts: list[_PrimArrays], textures: int) -> dict[str, NDArray[An
         rows = [_convert_domain("corner", part, part.normals, 3, 0.0) for part in parts]
         arrays["corner_normals"] = np.concatenate(rows)
     for name, width, blank in (("colors", 3, 1.0), ("uvs", 2, 0.0)):
-        # Keep the domain if it is the same for all parts; otherwise convert the values to corners.
+        # Keep a domain that all parts have in common; otherwise convert the values to corners.
         values = [getattr(part, name) for part in parts]
         domains = {value[0] for value in values if value is not None}
         if not domains:

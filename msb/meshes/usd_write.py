@@ -113,7 +113,10 @@ def _compute_normals(mesh: Mesh) -> NDArray[np.float32]:
 
 
 def _add_colors(prim: Any, mesh: Mesh, images: list[str], color_input: str) -> None:
-    """Add colours, or textures and their materials, to a mesh prim by an input of the surface shader."""
+    """Add colours, or textures with materials, to a mesh prim.
+
+    The colour is set at `color_input` of the surface shader.
+    """
     from pxr import Sdf, UsdGeom, Vt
 
     if not images:

@@ -48,8 +48,8 @@ def as_local(vertices: NDArray[Any], name: str) -> tuple[NDArray[np.float32], Or
 def write_rows(stream: BinaryIO, form: str, columns: NDArray[Any]) -> None:
     """Write each row of `columns` (N, K) as a line of text in the format `form` (K conversions with %).
 
-    The conversion "%r" writes the shortest decimal that reads back as the same float64. Float32 values are
-    therefore written exactly, too.
+    The conversion "%r" writes the shortest decimal that reads back as the same float64. This conversion is
+    therefore also exact for float32.
     """
     line = form + "\n"
     for start in range(0, len(columns), ROWS_AT_A_TIME):
