@@ -41,7 +41,7 @@ class RepairOptions:
 
     out: Annotated[
         Path | None,
-        Option("Write the mesh to FILE, like OUT.", ("--out", "-o"), metavar="FILE", output="own"),
+        Option("Write the mesh to FILE, instead of OUT.", ("--out", "-o"), metavar="FILE", output="own"),
     ] = None
     plan: Annotated[
         str | None,
@@ -169,7 +169,7 @@ class _Repair:
 
     @contextmanager
     def write_maps(self, done: Repaired | Outcome, maps: Path | None) -> Iterator[None]:
-        """Write the maps to a temporary file, and move it into place after the block has written OUT.
+        """Write the maps to a temporary file. Move the file into place after the block has written OUT.
 
         Either both files or neither file are written.
         """
@@ -181,8 +181,8 @@ class _Repair:
                 file = stack.enter_context(new_file(maps, overwrite=self.output.force))
                 arrays = {"vertex": done.vertex_map, "face": done.face_map, "turned": done.turned}
                 write_npz(file, arrays)
-                file.flush()  # a full disk is detected here
-                if is_stream(maps):  # closing writes the stream and may fail: close it before OUT is written
+                file.flush()  # This call detects a full disk.
+                if is_stream(maps):  # Closing the stream may fail, so close it before OUT is written.
                     stack.close()
             yield
 
@@ -234,7 +234,7 @@ class _Repair:
         """Write the repaired asset or mesh, and return the audit of the file.
 
         `after` is the audit of the repaired mesh. `left_out` lists the parts of the input that the repaired
-        mesh lacks.
+        mesh does not contain.
         """
         from msb.api.command_files import write_mesh_files
         from msb.asset import Asset
@@ -368,7 +368,7 @@ def compare_strategies(
             nullcontext() if folder is None else own_folder(folder, overwrite=output.force) as keep,
         ):
             rows = compare(asset, chosen, options, tasks=selected, device=device, keep=keep, step=step)
-    finally:  # the comparison took minutes, so print it even if images cannot be written
+    finally:  # Print the comparison even if images cannot be written.
         if rows is not None:
             if output.prints_text:
                 _print_comparison(rows, description, output)
@@ -389,7 +389,7 @@ def _print_comparison(rows: list[StrategyResult], views: str, output: Output) ->
     """Print the comparison; `views` describes the views of the PSNR, such as "8 test views"."""
     console = output.console()
     if not console.is_terminal:
-        console.width = 10_000  # width in characters, wider than any table
+        console.width = 10_000  # The width in characters exceeds every table.
     print_table([_format_cells(row) for row in rows], console)
     if output.quiet:
         return
@@ -444,7 +444,7 @@ def recommend(rows: list[StrategyResult]) -> str:
     if not done:
         return ""
     kept = [row for row in done if keeps_shape(row)]
-    best = min(kept, key=rank)  # the first of equal rows is the unrepaired asset
+    best = min(kept, key=rank)  # If rows are equally good, prefer the unrepaired asset.
     none_better = "no repair is better" + (" without removing visible faces" if kept != done else "")
     reason = none_better if best is rows[0] else "best verdict, then most tasks"
     return f"Recommended: {best.strategy} ({reason})"

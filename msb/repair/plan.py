@@ -15,9 +15,9 @@ from msb.topology.weld import Weld, parse_weld
 # The default plan. The default plan does not change the appearance of a model.
 DEFAULT = ("orient", "pair")
 Peer = Literal["igl", "pymeshlab"]
-# For each library, the steps that it can run instead of MeshSplatBench's implementation.
+# Maps a library to the steps that it can run in place of MeshSplatBench.
 BY_PEER: dict[str, tuple[str, ...]] = {"igl": ("cut",), "pymeshlab": ("drop",)}
-# For each step, the options whose values may follow it in a plan, as in ``debris:20:0.001``.
+# Maps a step to the options that may follow it as numbers, as in ``debris:20:0.001``.
 NUMBERS = {
     "pair": ("pair_color",),
     "weld": ("weld",),
@@ -51,8 +51,8 @@ class Options:
     close_share : float
         `close` does not fill a hole if the new faces would exceed this share of their component's area.
     peer : {"igl", "pymeshlab"}, optional
-        The library that runs `cut` (igl) or `drop` (pymeshlab) in a child process. With None, MeshSplatBench
-        runs them.
+        The library that runs `cut` (igl) or `drop` (pymeshlab) in a child process. The value None means
+        MeshSplatBench.
     limits : Limits
         Time and memory limits of the child process.
     """
@@ -96,8 +96,8 @@ class Options:
 def parse_plan(plan: Sequence[str] | str | None = None, **options: Any) -> Options:
     """Return the validated options of a plan, given as a sequence of steps or as text with commas.
 
-    A step may have numbers, as in "weld:0.01,orient,pair,debris:20:0.001". Without a plan, the default plan
-    is used, or the step of the library that `options` name. `options` contains other fields of `Options`.
+    A step may have numbers, as in "weld:0.01,orient,pair,debris:20:0.001". The default is the default plan,
+    or the step of the library in `options`. `options` contains other fields of `Options`.
     """
     if plan is None:
         plan = BY_PEER.get(options.get("peer") or "", DEFAULT)

@@ -104,7 +104,8 @@ class Unit:
     def from_unit(self, output: Output, powers: Mapping[str, int]) -> Output:
         """Convert an output from this coordinate system to the asset's coordinates.
 
-        `powers` gives the dimension of each number: 1 for a length, 2 for an area, 3 for a volume.
+        `powers` has the dimension of numbers: 1 for lengths, 2 for areas, and 3 for volumes. Numbers without
+        an entry stay unchanged.
         """
         numbers = {
             name: value * self.length ** powers[name] if name in powers and value is not None else value

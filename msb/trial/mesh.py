@@ -142,7 +142,10 @@ def _average_colors(asset: Asset, faces: NDArray[np.int64]) -> NDArray[np.float3
 
 
 def _average_groups(group: NDArray[np.int64], values: NDArray[np.float32], count: int) -> NDArray[np.float32]:
-    """Return the average (`count`, 3) of the values (n, 3) of each group (n,); white for empty groups."""
+    """Return the average value (`count`, 3) of each group.
+
+    Row i of `values` (n, 3) is in group[i]. An empty group is white.
+    """
     size = np.bincount(group, minlength=count)
     sums = np.stack([np.bincount(group, values[:, k], count) for k in range(3)], axis=1)
     averages = sums / np.maximum(size, 1)[:, None]

@@ -47,7 +47,7 @@ def select_installed(attempts: Iterable[Attempt]) -> list[Attempt]:
 
 
 def check_libraries(tasks: Sequence[Task]) -> None:
-    """Raise EXTRA_MISSING if a task lacks its libraries and no task has a library of the extra."""
+    """Raise EXTRA_MISSING if a task lacks its libraries and no library of the extra is installed."""
     libraries = {task.name: {entry.library for entry in select_installed(task.attempts)} for task in tasks}
     without_the_extra = {"numpy"}
     if all(libraries.values()) or set().union(*libraries.values()) - without_the_extra:

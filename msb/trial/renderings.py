@@ -35,9 +35,9 @@ _DARKEST = 0.4
 class Renderings:
     """Renderings of the original mesh by all cameras, and comparisons of results with these renderings.
 
-    No result can be judged without an OpenCL device, if no camera sees the mesh, or if the mesh covers too
-    few pixels. If no result can be judged, `why_not` is the reason, and all methods return None or an empty
-    result. `blind_cameras` is the number of cameras that do not see the mesh and are ignored.
+    Results cannot be compared without an OpenCL device, if no camera sees the mesh, or if the mesh covers too
+    few pixels. In these cases, `why_not` is the reason, and all methods return None or an empty result.
+    `blind_cameras` is the number of cameras that do not see the mesh and are ignored.
     """
 
     def __init__(self, mesh: TrialMesh, views: ChosenViews, device: str | None = None) -> None:
@@ -63,8 +63,8 @@ class Renderings:
         depths = [depth for _, depth in self._originals]
         if not depths:
             return None
-        # Select every `step`-th covered pixel, counted over all images. `skip` is the number of covered
-        # pixels before the first sample of an image.
+        # Select every `step`-th covered pixel, counted over all images. Skip this number of covered pixels
+        # before the first sample of an image.
         step = max(1, sum(int(np.count_nonzero(depth)) for depth in depths) // count)
         parts: list[NDArray[np.float64]] = []
         skip = 0
@@ -83,9 +83,9 @@ class Renderings:
     def empty_share(self, points: NDArray[np.float64], tolerance: float) -> float | None:
         """Return the fraction of `points` (n, 3) that lie in empty space for at least one camera.
 
-        A point lies in empty space for a camera if its pixel shows the background, or if it is more than
-        `tolerance` in front of the visible surface. Points outside all images are ignored. The fraction is
-        None if no point is in an image.
+        A camera sees empty space at a point if the point's pixel shows the background. The same holds if the
+        point is more than `tolerance` in front of the visible surface. Points outside all images are ignored.
+        The fraction is None if no point is in an image.
         """
         depths = [depth for _, depth in self._originals]
         if not depths:

@@ -46,8 +46,8 @@ class Attempt:
         A function of the mesh and the arrays of `Task.prepare`. Exceptions of the function are reported as
         the reason of a failure.
     any_unit : bool
-        True if the result does not depend on the unit of length, so that the mesh is passed as stored. If
-        false, inputs and outputs are in the unit of `msb.trial.attempts`.
+        True if the result does not depend on the unit of length, so that the mesh is passed as stored.
+        Otherwise, inputs and outputs are in the unit of `msb.trial.attempts`.
     """
 
     library: str
@@ -60,8 +60,8 @@ class Attempt:
 class AttemptResult:
     """The result of an attempt: its output, or the reason of its failure.
 
-    `ended_by` is the reason if the process was ended early. `seconds` is the time of the library, or None if
-    it did not run.
+    `ended_by` is the reason why the process was stopped, if it was stopped. `seconds` is the time of the
+    library, or None if the library did not run.
     """
 
     output: Output | None
@@ -73,7 +73,7 @@ class AttemptResult:
 
 @dataclass(frozen=True)
 class Judgement:
-    """The outcome of a task, the reason why it is not better, and the measured numbers."""
+    """The outcome of a task, the reason for a limitation or failure, and the measured numbers."""
 
     outcome: Outcome
     why: str | None = None
@@ -109,8 +109,7 @@ class Task:
     picture : callable, optional
         A function that draws the outputs as an image (H, W, 3) uint8, or returns None.
     needs_images : bool
-        Whether the judgement needs renderings. Without renderings the outcome is "not_run", unless the task
-        fails anyway.
+        Whether the judgement needs renderings. Without renderings, the outcome is "not_run" or "fails".
     """
 
     name: str

@@ -22,7 +22,7 @@ from msb.trial.tasks.decimate import decimate_with_pymeshlab, draw_side_by_side
 # diagonal.
 NEAR, FAR = 0.02, 0.05
 # Limits of the protruding fraction of the shape for "works" and for "works with limitations". A part of the
-# shape protrudes if cameras see empty space at the place of this part.
+# shape protrudes if a camera sees empty space in its place.
 LITTLE, MUCH = 0.1, 0.3
 # A point protrudes if its distance in front of the surface exceeds this fraction of the diagonal.
 TOLERANCE = 0.01
@@ -212,9 +212,9 @@ def _list_measures(numbers: Numbers) -> list[str]:
 
 
 def _summarize(numbers: Numbers) -> str:
-    """Return a text with the numbers of CoACD's shape.
+    """Return a text with the numbers of the shape from CoACD.
 
-    The text of a fallback is empty, because the reason for the outcome describes it.
+    Fallbacks have no text, because the reason for the outcome already names the shape.
     """
     if "instead" in numbers:
         return ""

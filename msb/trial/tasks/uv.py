@@ -50,7 +50,7 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
         atlases.append(placed >= 0 if placed.dtype.kind == "i" else placed != _NONE)
     original, uv, chart = (np.concatenate(parts) for parts in (rows, uvs, charts))
     left_out = ~np.concatenate(atlases)[faces].all(axis=1)
-    # xatlas divides UVs by the width and height of the atlas. Undo the division to measure the stretch.
+    # xatlas divides UVs by the width and height of the atlas. Multiply by these sizes to measure the stretch.
     points = mesh.vertices[original]
     numbers = {
         "charts": int(atlas.chart_count),
@@ -71,9 +71,9 @@ def measure_stretch(vertices: NDArray[Any], faces: NDArray[np.int64], uv: NDArra
     """Return the L2 stretch of the UV map `uv` (V, 2), 1 without distortion; None without area.
 
     Sander et al., "Texture Mapping Progressive Meshes", 2001, section 3, define the L2 stretch. The stretch
-    is the root mean square of the singular values of the map from the texture to the surface, averaged over
-    the surface. The map is first scaled to the area of the surface. Faces without area on the surface or in
-    the texture are ignored.
+    is the root mean square of the singular values of the map from the texture to the surface. The mean is
+    weighted by surface area. Before the measurement, the map is scaled to the area of the surface. Faces
+    without area on the surface or in the texture are ignored.
     """
     # Two edges (F, 3) of each face on the surface, and the same two edges (F, 2) in the texture.
     corners, mapped = (values[faces].astype(np.float64) for values in (vertices, uv))
