@@ -1,7 +1,8 @@
-"""Open a file of any kind as an asset, or read a mesh as stored, for the API, commands and viewers.
+"""Opens a file of any kind as an asset, or reads a mesh as stored.
 
-An asset is detected by its name or manifest, and a checkpoint by the name of its file or folder. A PLY
-table of primitives is detected by its header. All other files are treated as mesh files.
+The API, commands and viewers use this module. An asset is detected by its name or manifest, and a checkpoint
+by the name of its file or folder. A PLY table of primitives is detected by its header. All other files are
+treated as mesh files.
 """
 
 from __future__ import annotations
@@ -92,8 +93,10 @@ class StoredMesh:
     Attributes
     ----------
     path : Path or None
-        None for a mesh that is not from a file. buffers : mapping of str to ndarray Arrays with the names
-        of an asset: `positions` (V, 3) floats, `indices` (F, 3) integers, and all other arrays of the file.
+        None for a mesh that is not from a file.
+    buffers : mapping of str to ndarray
+        Arrays with the names of an asset: `positions` (V, 3) floats, `indices` (F, 3) integers, and all other
+        arrays of the file.
     domains : mapping of str to str
         The domain of `color` and other buffers that have a row for each vertex, face or corner.
     method : str or None
@@ -126,7 +129,7 @@ class StoredMesh:
 
     @property
     def attributes(self) -> Attributes:
-        """The attributes at whose seams files duplicate vertices."""
+        """Attributes that differ at seams, where files duplicate vertices."""
         from msb.topology.seams import seam_attributes
 
         # In a trained triangle soup, corners coincide only by chance.
@@ -166,7 +169,7 @@ def _store(mesh: Mesh, path: Path | None) -> StoredMesh:
     from msb.meshes.mesh import report_left_out
     from msb.meshes.writing import check_indices
 
-    if mesh.wrong_face is not None:  # only the reader knows the line of an invalid index
+    if mesh.wrong_face is not None:  # Only the reader knows the line of an invalid index.
         with about(path):
             check_indices(mesh)
     # Vertex colours take precedence over face colours.
@@ -192,10 +195,13 @@ def stored_object(given: object) -> StoredMesh:
     """Return the mesh of an object with arrays: a `Mesh`, a pair, or an object of another library.
 
     A pair is a tuple or list (vertices, faces). An object of another library must have the attributes
-    `vertices` and `faces` (trimesh), or be a PolyData of pyvista. The method `triangulate` of a PolyData
+    `vertices` and `faces`, as in trimesh, or be a PolyData of pyvista. The method `triangulate` of a PolyData
     splits its polygons.
 
-    Raises ------ MeshError `MESH_ARRAY`: the object is of another kind.
+    Raises
+    ------
+    MeshError
+        `MESH_ARRAY`: the object is of another kind.
     """
     from msb.meshes import Mesh
 

@@ -37,7 +37,7 @@ def find_bad_faces(
         domain = "vertex" if name == "positions" else domains.get(name)
         if rows is None or domain not in ("vertex", "face", "corner"):
             continue
-        # of_face (F, k) has the marks of the face itself, of its vertices, or of its corners.
+        # `of_face` (F, k) marks faces whose values, vertices or corners are not finite.
         of_face = rows[faces] if domain == "vertex" else rows.reshape(len(faces), -1)
         bad |= of_face.any(axis=1)
         names += [name] if of_face.any() else []

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from msb.asset.asset import Asset
 
 Vector = tuple[float, float, float]
-# Sine of the angle below which an up direction counts as an axis; rounding an axis gives smaller angles.
+# An up direction counts as an axis if the sine of the angle between them is below this value. Rounding an
+# axis gives smaller angles.
 _ROUNDED = 1e-6
 
 
@@ -35,8 +36,9 @@ class Frame:
     meters_per_unit : float, optional
         The length of the unit in metres.
     source : str
-        The origin of this length. floor : float, optional The height along `up`, in units, that files put
-        at zero.
+        The source of this length.
+    floor : float, optional
+        The height along `up`, in units, that files put at zero.
     """
 
     up: Vector | None = None

@@ -85,8 +85,10 @@ class Audit:
         The result of the requested weld.
     seams : {"texture", "color", "normal", "format"} or None
         The cause of the seams: texture coordinates, colours, attributes that are not read (such as normals),
-        or a format without shared vertices. None for a mesh without seams. without_seams : Audit or None
-        The audit of the mesh with merged seams; None for a mesh without seams. closed_once_merged : bool
+        or a format without shared vertices. None for a mesh without seams.
+    without_seams : Audit or None
+        The audit of the mesh with merged seams; None for a mesh without seams.
+    closed_once_merged : bool
         Whether the mesh is open as stored, but closed, manifold and consistently wound after this weld.
         False if the mesh was not tested: with more than 200,000 faces, only a requested exact weld tests
         the mesh.

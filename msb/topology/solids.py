@@ -27,7 +27,9 @@ class Bodies:
     ----------
     inside_out : int
         Number of bodies that are wound inside out. A cavity, which lies inside another body, is not
-        counted. flat : int Number of bodies without a volume, such as a sheet with two sides.
+        counted.
+    flat : int
+        Number of bodies without a volume, such as a sheet with two sides.
     touching_vertices : int
         Number of vertices that coincide with a vertex of another body.
     crossing_faces : int or None

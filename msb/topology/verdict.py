@@ -45,9 +45,10 @@ class Verdict:
     reason : str
         The gravest fault in a few words; empty for "ok".
     renders : bool
-        Whether the mesh can be displayed. If not, the sentence mentions only this fault. plan : str The
-        plan of `msb repair` that improves the mesh, or "bake" if only a new surface helps. Empty if no plan
-        is known to help, and for the level "ok".
+        Whether the mesh can be displayed. If not, the sentence mentions only this fault.
+    plan : str
+        The plan of `msb repair` that improves the mesh, or "bake" if only a new surface helps. The plan is
+        empty for the level "ok", or if no plan is known to help.
     """
 
     level: Level

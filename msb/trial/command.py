@@ -139,7 +139,7 @@ class _Run:
         }
         if options.save is not None:
             output.check_folder(options.save)
-        drawing.check_device()  # no OpenCL device; only tasks without renderings are tried
+        drawing.check_device()  # without a device, only tasks without renderings are tried
         if not limits.limits_memory:
             output.note("warning: --memory has no effect on this system; only --seconds limits the libraries")
         self.printed = False

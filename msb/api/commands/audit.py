@@ -134,8 +134,10 @@ class _Task:
         return status
 
     def audit_mesh(self, path: Path, alone: bool) -> tuple[dict[str, Any], int]:
-        """Audit the mesh at `path` and print the report; return its JSON data, and the exit status of the
-        gates (conditions)."""
+        """Audit the mesh at `path` and print the report.
+
+        Return its JSON data, and the exit status of the gates, which are conditions.
+        """
         from msb.api.auditing import audit_stored
         from msb.api.command_files import note_warnings
         from msb.api.commands.audit_text import print_audit
@@ -143,7 +145,7 @@ class _Task:
 
         with self.output.progress(f"reading {path.name}"):
             mesh = read_stored(path, images=self.options.view)
-        # Infos about ignored parts of a file, such as normals, do not affect the audit.
+        # Findings with the severity "info", such as ignored normals, do not affect the audit.
         warnings = (warning for warning in mesh.warnings if warning.severity != "info")
         note_warnings(warnings, path, self.output)
         with self.output.progress(f"auditing {path.name}: {len(mesh.faces):,} faces"):
@@ -155,7 +157,7 @@ class _Task:
             from msb.topology.elements import find_elements
 
             write_elements(find_elements(analysis), self.options.elements, overwrite=self.output.force)
-        # Print the report; print a blank line before every report except the first.
+        # Print the report, after a blank line unless it is the first report.
         times = ", ".join(f"{stage} {time:.1f} ms" for stage, time in result.timings_ms.items())
         self.output.note(f"{path}: {result.computed_by}: {times}", level=1)
         if self.output.prints_text:
@@ -189,8 +191,8 @@ class _Task:
         with self.output.progress(f"comparing {path.name} with other libraries"):
             check = cross_check(mesh.vertices, mesh.faces, result, analysis)
         for what, why in check.skipped.items():
-            # Report each library that is skipped. A quantity that a library cannot compute for this mesh is
-            # reported only with -v.
+            # Report each library that is skipped. With -v, also report quantities that a library cannot
+            # compute for this mesh.
             self.output.note(f"{path}: {what} skipped: {why}", level=1 if " " in what else 0)
         return replace(result, cross_check=check.to_rows())
 
@@ -207,7 +209,7 @@ class _Task:
 
 
 def _disagreements(result: Audit, path: Path) -> list[GateFailed]:
-    """Return an error for each count that another library contradicts."""
+    """Return an error for each count for which another library has a different value."""
     texts = [
         f"{row['quantity']} is {row['ours']}, but {row['theirs']} for {row['peer']}"
         for row in result.cross_check or ()

@@ -1,4 +1,4 @@
-"""`msb validate`: report all errors of an asset, each finding with its code."""
+"""`msb validate`: report all errors of an asset with their codes."""
 
 from __future__ import annotations
 

@@ -98,8 +98,9 @@ class _Steps:
     Attributes
     ----------
     near, far : (n,) integers
-        The nodes at both ends of each step. odd : (n,) bool Whether the step reverses the sense of
-        rotation.
+        The nodes at both ends of each step.
+    odd : (n,) bool
+        Whether the step reverses the sense of rotation.
     component : (n,) integers
     start : (n,) bool
         Whether searches start at this step.
