@@ -52,11 +52,11 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
     Parameters
     ----------
     vertices : (V, 3) real numbers, Asset, path-like, pair or mesh
-        Coordinates in any unit of length; NaN values are allowed and counted. Omit `faces` for all
-        other inputs. These are an asset, a path that `msb.open` accepts, a pair ``(vertices, faces)``, a
+        Coordinates in any unit of length; NaN values are allowed and counted. Omit `faces` for all other
+        inputs. These are an asset, a path that `msb.open` accepts, a pair ``(vertices, faces)``, a
         `msb.meshes.Mesh`, any object with `vertices` and `faces` such as a trimesh, and a pyvista PolyData.
-        The method `triangulate` of a PolyData splits its polygons. Coordinates of a mesh file keep the precision of the file, as in `msb
-        audit PATH`. In contrast, `msb.open` rounds to float32.
+        The method `triangulate` of a PolyData splits its polygons. The audit of a mesh file uses the
+        precision of the file, as `msb audit PATH` does. In contrast, `msb.open` rounds to float32.
     faces : (F, 3) integers
         0-based vertex indices.
     weld : "exact" or float, optional

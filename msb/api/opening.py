@@ -87,8 +87,9 @@ def as_asset(asset: Asset | str | os.PathLike[str]) -> Asset:
 
 @dataclass(frozen=True, eq=False)
 class StoredMesh:
-    """A mesh exactly as its file stores it, in the precision of the file. The values of the mesh are not
-    checked.
+    """A mesh exactly as its file stores it, in the precision of the file.
+
+    The values of the mesh are not checked.
 
     Attributes
     ----------

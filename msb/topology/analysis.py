@@ -40,7 +40,7 @@ class Components:
     def largest(self) -> int | None:
         """Return the component with most faces, or None for a mesh without components.
 
-        If components have equally many faces, the larger area wins, then the lowest face number.
+        If several components have the most faces, the largest area decides, then the lowest face number.
         """
         if self.count == 0:
             return None

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from msb.cl import Device
 
 # Minimum number of faces for using the kernels. For smaller meshes, opening a device and compiling the
-# kernels takes longer than NumPy takes.
+# kernels takes longer than the audit with NumPy.
 FEWEST_FACES = 1 << 16
 
 

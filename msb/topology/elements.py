@@ -52,5 +52,5 @@ def _rank_by_size(analysis: Analysis) -> NDArray[Any]:
     order = np.lexsort((np.arange(components.count), -components.areas, -components.sizes))
     rank = np.zeros(components.count + 1, components.face_component.dtype)
     rank[order] = np.arange(components.count)
-    rank[-1] = -1  # NONE is the index -1, which stays -1
+    rank[-1] = -1  # The index -1 (NONE) stays -1.
     return np.asarray(rank[components.face_component])

@@ -118,8 +118,8 @@ def explain(name: str) -> Explanation:
         for known in (entry.name, entry.symbol, *entry.aliases)
         if known
     }
-    # LCC_area and lcc_area are symbols of different quantities. Any other spelling selects the first of
-    # these two quantities, the column of the paper.
+    # `LCC_area` and `lcc_area` are symbols of different quantities. Any other capitalisation selects the
+    # first quantity, which is a column of the paper.
     folded: dict[str, Explanation] = {}
     for known, entry in exact.items():
         folded.setdefault(known.casefold(), entry)

@@ -14,7 +14,7 @@ _VOLUMES_AT_ONCE = 1 << 15
 def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return the area (F,) of each face in squared length units, and whether it is finite (F,).
 
-    The area is half the norm of the cross product in double precision, or 0 if that norm is not finite.
+    The area is half the norm of the cross product in double precision. An area that is not finite becomes 0.
     """
     area = np.zeros(len(faces))
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
@@ -66,8 +66,8 @@ def sum_areas(area: NDArray[np.float64], group: NDArray[Any], groups: int) -> ND
     """Return the area (groups,) of each group of faces, added in the order of the faces.
 
     `area` (F,) is non-negative and `group` (F,) is the group of each face. Rounding is monotone. Adding in
-    face order guarantees that the area of a group never exceeds the area of all faces. The two areas are
-    equal if all other faces have zero area.
+    face order guarantees that the area of a group never exceeds the area of all faces. If all other faces
+    have zero area, the area of the group equals the area of all faces.
     """
     return np.bincount(group, weights=area, minlength=groups).astype(np.float64)
 
@@ -94,8 +94,8 @@ def find_duplicate_faces(faces: NDArray[Any]) -> NDArray[np.bool_]:
     if len(faces) < 2:
         return extra
     low, high = faces.min(axis=1), faces.max(axis=1)
-    # The middle index is the sum minus the lowest and the highest index. An overflow of the sum cancels out
-    # in the difference.
+    # The middle index is the sum minus the lowest and the highest index. If the sum overflows, the
+    # subtraction corrects the result.
     middle = faces[:, 0] + faces[:, 1] + faces[:, 2] - low - high
     order = np.lexsort((high, middle, low))  # The sort is stable: equal rows stay in ascending order
     same = np.ones(len(faces) - 1, bool)

@@ -9,7 +9,7 @@ import numpy as np
 from msb.topology.analysis import Analysis
 from msb.topology.faces import sum_areas
 
-# Number of listed elements of each kind: enough to locate a fault, few enough to read.
+# Number of listed faulty elements of each kind.
 SAMPLES = 3
 # For each key of the counts, (element number, vertices) of the first few faulty elements in ascending order.
 First = dict[str, tuple[tuple[int, tuple[int, ...]], ...]]
@@ -76,8 +76,10 @@ class Findings:
 
 
 def find_by_numpy(analysis: Analysis) -> Findings:
-    """Return the findings of `analysis`, computed with NumPy; this is the readable version of
-    `msb.topology.kernel`."""
+    """Return the findings of `analysis`, computed with NumPy.
+
+    The module `msb.topology.kernel` computes the same findings with OpenCL.
+    """
     mesh, components, bad = analysis.mesh, analysis.components, analysis.offending
     count_of = {kind: len(ids) for kind, ids in (bad.edges | bad.vertices | bad.faces).items()}
     largest = components.largest()
@@ -115,7 +117,8 @@ def find_by_numpy(analysis: Analysis) -> Findings:
 def first_of(numbers: Any, vertices: Any = None) -> tuple[tuple[int, tuple[int, ...]], ...]:
     """Return the first few of the ascending element `numbers`, each with its vertices.
 
-    The vertices are the rows of `vertices`, or the number itself if `vertices` is None.
+    The vertices of an element are its row of `vertices`. If `vertices` is None, the element is a vertex
+    itself.
     """
     return tuple(
         (int(i), (int(i),) if vertices is None else tuple(map(int, vertices[i]))) for i in numbers[:SAMPLES]

@@ -94,7 +94,7 @@ class HalfEdgeMesh:
     def chained_halfedges(self) -> tuple[NDArray[Any], NDArray[Any]]:
         """Pairs of consecutive half-edges in the group of each edge with three or more faces.
 
-        Joining such pairs joins the whole group. A group of k half-edges needs only k - 1 joining pairs.
+        Joining these pairs joins all half-edges of the edge. For k half-edges, k - 1 pairs suffice.
         """
         crowded = np.repeat(self.multiplicity > 2, self.multiplicity)
         last = np.zeros(len(crowded), bool)

@@ -1,9 +1,9 @@
 """Seams: vertices that a file stores more than once because the file format demands this.
 
-In most formats a vertex row has a single UV coordinate, colour and normal. A triangle list shares no
-vertices at all; docs/definitions.md ("Seams") has the definition. Vertices duplicated for another reason
-are not seams. For a mesh with other duplicated vertices, `closes_once_merged` tells whether an exact weld
-would close the mesh.
+In most formats a vertex row has a single UV coordinate, colour and normal. A triangle list shares no vertices
+at all; docs/definitions.md ("Seams") has the definition. Vertices duplicated for another reason are not
+seams. If vertices are duplicated for other reasons, `closes_once_merged` tells whether an exact weld would
+close the mesh.
 """
 
 from collections.abc import Mapping
@@ -32,9 +32,9 @@ SeamKind = Literal["texture", "color", "normal", "format"]
 # A triangle soup is a surface without shared vertices if more than this share of its edges coincide with
 # another edge. The corners of trained triangle soups coincide by chance only.
 _COINCIDING = 0.5
-# Two faces that fold onto each other at an edge are two sides of a sheet, and not a seam. Two faces fold
-# onto each other if the cosine of the angle between their normals is below this limit (0.08 degrees away
-# from opposite).
+# Two faces that fold onto each other at an edge are two sides of a sheet, and not a seam. Two faces
+# fold onto each other if the cosine of the angle between their normals is below this limit. The limit allows
+# 0.08 degrees between one normal and the reversed other normal.
 _FOLDED = -0.999999
 
 # Vertices may differ by rounding if their distance is below this share of the largest coordinate: four
@@ -60,8 +60,8 @@ class Seams:
         The kind is "format" for a triangle list. The kind is "normal" if only attributes that are not read
         differ, such as normals. Otherwise the kind is "texture" if the mesh has UVs, and "color" if not.
     unexplained : bool
-        Whether some vertices are duplicated only for attributes that are not read. A renderer needs these
-        copies only for the attributes.
+        Whether some vertices are duplicated only for attributes that are not read. A renderer needs the
+        duplicated vertices only for the attributes.
     """
 
     first: NDArray[Any]
@@ -90,7 +90,7 @@ def seam_attributes(
     prefix = {"vertex": "", "corner": "corner_"}
     names = [name for name in ("uv", "color", SEAM_KEY) if domains.get(name) in prefix]
     attributes = {f"{prefix[domains[name]]}{name}": buffers[name] for name in names}
-    if "uv" in names and "face_texture" in buffers:  # files store the faces of each texture separately
+    if "uv" in names and "face_texture" in buffers:  # Files store the faces of each texture separately.
         attributes["face_texture"] = buffers["face_texture"]
     return {**attributes, TRIANGLE_LIST: np.zeros(0)} if triangle_list else attributes
 
@@ -102,11 +102,11 @@ def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes
     textures on their faces. The end vertices of a torn edge are merged. Three or more coincident boundary
     edges are not merged, because their pairing is ambiguous.
 
-    In a triangle soup (triangles that share no vertices) corners may coincide by chance. A triangle soup
-    therefore has seams only under two conditions. More than half of the soup's faces have a torn edge, and
-    no coincident boundary edges have equal attributes. With TRIANGLE_LIST, all coincident vertices of a
-    triangle soup are merged if more than half of its edges coincide with another edge. The search takes O(V
-    log V) time, and much less if no two vertices coincide.
+    In a triangle soup (triangles that share no vertices) corners may coincide by chance. A triangle soup has
+    seams only under two conditions. More than half of the soup's faces have a torn edge, and no coincident
+    boundary edges have equal attributes. With TRIANGLE_LIST, all coincident vertices of a triangle soup are
+    merged if more than half of its edges coincide with another edge. The search takes O(V log V) time, and
+    much less if no two vertices coincide.
     """
     if not attributes or not len(faces):
         return None
@@ -152,7 +152,7 @@ def _merge_torn_edges(
     # Each connected group of vertex pairs becomes one vertex: the lowest row of the group.
     ends, node = np.unique(torn.pairs.reshape(-1), return_inverse=True)
     _, label = label_components(len(ends), *node.reshape(-1, 2).T)
-    # `ends` are sorted, so the first entry of each label is its lowest row
+    # The first entry of each label is its lowest row, because `ends` are sorted.
     _, lowest = np.unique(label, return_index=True)
     labels = np.arange(len(points))
     labels[ends] = ends[lowest][label]
@@ -274,11 +274,10 @@ def _find_torn_edges(
 def _find_folds(
     faces: NDArray[np.int64], points: NDArray[Any], face: NDArray[np.int64], other: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
-    """Return the mask (E,) of the edges whose face folds onto the face of the other edge, such as the two
-    sides of a sheet.
+    """Return a mask (E,) of the edges whose two faces fold onto each other, such as the two sides of a sheet.
 
-    The columns of `face` (E, 2) hold the face of each edge. `other` (E,) is the edge with which each edge
-    is compared.
+    The columns of `face` (E, 2) hold the faces of each edge. `other` (E,) is the edge with which each edge is
+    compared.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         corners = points[faces].astype(np.float64)
@@ -286,7 +285,7 @@ def _find_folds(
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
         opposite = (normals[face[:, 0]] * normals[face[other, 0]]).sum(axis=1) < _FOLDED
-    # Mark both edges of a pair, because the first edge of a group was compared with itself.
+    # Mark both edges of a pair. The first edge of a group was only compared with itself.
     folded = np.zeros(len(face), bool)
     folded[opposite] = folded[other[opposite]] = True
     return folded
@@ -311,11 +310,11 @@ class Merged:
 
 
 def audit_merged(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) -> Merged | None:
-    """Return the counts after the weld that closes an open mesh of at most `MOST_FACES` faces, or None.
+    """Return the counts after the weld that closes an open mesh.
 
-    `findings` describe the mesh as it is stored. The weld is exact; if that does not close the mesh, it
-    merges vertices of boundary edges that differ by rounding. The result is None if no vertices differ only
-    by rounding.
+    Return None for more than `MOST_FACES` faces. `findings` describe the mesh as it is stored. An exact weld
+    is tried first. If it does not close the mesh, vertices of boundary edges that differ by rounding are
+    merged. The result is also None if no vertices differ only by rounding.
     """
     counts = findings.counts
     if not counts.boundary_edges or counts.faces > MOST_FACES:

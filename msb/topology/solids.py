@@ -14,14 +14,14 @@ from msb.topology.weld import find_coincident_vertices
 # Maximum number of faces for which the audit searches crossing faces without a request: about 8 us per face
 # on one core. Long, thin faces take longer, so the number of tested pairs (0.7 us each) has a limit as well.
 MOST_FACES, MOST_PAIRS = 200_000, 1 << 23
-# A body is flat, like a sheet with two sides, if its volume is below this share of the cubed diagonal of
-# its bounding box. The share of a cube is 0.19.
+# A body is flat, like a sheet with two sides, if its volume is below this share of the cubed diagonal of its
+# bounding box. For comparison, a cube has the share 0.19.
 _FLAT = 1e-9
 
 
 @dataclass(frozen=True)
 class Bodies:
-    """Faults of a closed, manifold and consistently wound mesh that its counts do not show.
+    """Faults of a closed, manifold and consistently wound mesh that the counts do not contain.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ def find_inside_out(
     if not len(faces):
         return np.zeros(0, bool), np.zeros(0, bool)
     volume = np.bincount(label, signed_volumes(points, faces))
-    # low, high (n, 3): bounding boxes, from the corners in the order of their bodies.
+    # Compute the bounding boxes `low` and `high` (n, 3) from the corners in the order of their bodies.
     order = slice(None) if len(volume) == 1 else np.argsort(label, kind="stable")
     corners = points[faces[order].reshape(-1)].astype(np.float64)
     starts = 3 * (np.cumsum(np.bincount(label)) - np.bincount(label))

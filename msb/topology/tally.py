@@ -147,7 +147,5 @@ def _collect_first(totals: Totals) -> First:
 
 
 def _collect_filled(rows: NDArray[Any], counts: NDArray[Any]) -> NDArray[Any]:
-    """Return the valid entries of all sample rows: the first counts[i] entries of row i, or all entries of
-    a shorter row.
-    """
+    """Return the valid entries of all sample rows: at most counts[i] entries of row i."""
     return np.concatenate([row[: int(n)] for row, n in zip(rows, counts, strict=True)])

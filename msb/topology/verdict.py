@@ -97,7 +97,7 @@ def judge(audit: Audit) -> Verdict:
     first = faults[0][1]
     *most, last = [text for _, text in faults]
     reasons = f"{', '.join(most)}, and {last}" if most else last
-    # The tasks of an open mesh already include the advice to merge vertices.
+    # For an open mesh, the list of tasks already contains the advice to merge vertices.
     advice = "" if gravest.tasks is _list_tasks_if_open else merged
     sentence = f"displays correctly, but {reasons}; {gravest.tasks(audit)}{advice or _describe_merged(audit)}"
     mild = gravest.level == "bad" and (_is_nearly_manifold(audit) or _is_manifold_once_merged(audit))
@@ -173,7 +173,7 @@ def _name_merged(audit: Audit) -> str:
 
 
 def _choose_plan(audit: Audit) -> str:
-    """Return the repair plan for a mesh that has faults but is no triangle soup."""
+    """Return the repair plan for a mesh with faults that is not a triangle soup."""
     counts, bodies = audit.counts, audit.bodies
     if is_worth_merging(audit) or audit.closed_once_merged:
         within = "exact" if audit.merged is None else audit.merged.weld
@@ -327,7 +327,7 @@ def _describe_inside_out(audit: Audit) -> str:
     if bodies is None or not bodies.inside_out:
         return ""
     if bodies.inside_out == audit.counts.components:
-        return "it is wound inside out, as a room seen from inside is"
+        return "it is wound inside out, like the walls of a room"
     return f"{bodies.inside_out:,} of its {audit.counts.components:,} bodies are wound inside out"
 
 

@@ -15,8 +15,8 @@ from msb.topology.components import label_components
 
 Weld = Literal["exact"] | float
 
-# Maximum number of vertex pairs within the weld distance; the indices of this many pairs take 1 GiB. A
-# typical weld has one pair of vertices per vertex.
+# Maximum number of vertex pairs within the weld distance; the indices of this many pairs take 1 GiB. In a
+# typical weld, the number of pairs is the number of vertices.
 MAX_PAIRS = 1 << 26
 
 
@@ -25,7 +25,7 @@ def parse_weld(text: str | float) -> Weld:
     if text == "exact":
         return "exact"
     try:
-        # A bool is a number in Python, but never a meaningful length.
+        # A bool is rejected, although it is a number in Python.
         distance = math.nan if isinstance(text, bool | np.bool_) else float(text)
     except (ValueError, TypeError, OverflowError):
         distance = math.nan
@@ -69,7 +69,7 @@ def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
     """
     bits, corners = _to_stored(vertices).view(np.uint32), faces.reshape(-1)
     hashes, repeated = _hash_rows(bits, corners)
-    start, count = 0, 64  # if corners coincide, the first few hashes usually show it
+    start, count = 0, 64  # The first few hashes usually suffice to find coincident corners.
     while start < len(repeated):
         bucket = np.zeros(1 << 20, bool)
         # Preselect corners by the upper 20 bits of their hash, then compare coordinates and faces.
@@ -77,7 +77,7 @@ def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
         corner = np.flatnonzero(bucket[hashes >> 12])
         rows = np.column_stack([bits[corners[corner]], corner // 3])
         rows = rows[~np.isnan(rows[:, :3].astype(np.uint32).view(np.float32)).any(axis=1)]
-        rows = np.unique(rows, axis=0)  # coincident corners of a single face join nothing
+        rows = np.unique(rows, axis=0)  # Coincident corners of a single face join no faces.
         if (rows[1:, :3] == rows[:-1, :3]).all(axis=1).any():
             return True
         start, count = start + count, count << 8
@@ -92,7 +92,7 @@ def find_coincident_vertices(vertices: NDArray[Any]) -> tuple[NDArray[Any], NDAr
     """
     points = _to_stored(vertices)
     hashes, repeated = _hash_rows(points.view(np.uint32))
-    bucket = np.zeros(1 << 20, bool)  # this filter rejects most rows of typical meshes
+    bucket = np.zeros(1 << 20, bool)  # This filter rejects most rows of typical meshes.
     bucket[repeated >> 12] = True
     rows = np.flatnonzero(bucket[hashes >> 12])
     rows = rows[np.isin(hashes[rows], repeated)]
@@ -112,7 +112,7 @@ def _hash_rows(
     for axis in range(3):
         hashes += bits[:, axis]
         hashes *= np.uint32(0x9E3779B1)
-        hashes ^= hashes >> 15  # mix the signs into all bits, otherwise mirrored points get equal hashes
+        hashes ^= hashes >> 15  # Mix the signs into all bits, so that mirrored points get different hashes.
     hashes = hashes if order is None else hashes[order]
     ordered = np.sort(hashes)
     return hashes, ordered[1:][ordered[1:] == ordered[:-1]]
@@ -157,7 +157,7 @@ def _label_near(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
     # The search tree squares distances, which must not overflow. Scale coordinates to at most 2. The scale
     # factor is a power of two, so scaling causes no rounding.
     scale = 2.0 ** (math.frexp(float(np.abs(points).max()))[1] - 1)
-    reach = min(distance / scale, 8.0)  # longer than any distance after scaling
+    reach = min(distance / scale, 8.0)  # The value 8 exceeds every scaled distance.
     tree = cKDTree(points / scale)
     pairs = (int(tree.count_neighbors(tree, reach)) - len(points)) // 2
     if pairs > MAX_PAIRS:

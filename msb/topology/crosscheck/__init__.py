@@ -1,4 +1,4 @@
-"""Compare the audit of a mesh with the answers of six other libraries (peers), and explain the differences.
+"""Compare the audit of a mesh with six other libraries (peers), and explain the differences.
 
 Only this package uses libigl, PyMeshLab, manifold3d, trimesh (as a judge), NetworkX and NVIDIA's USD
 validator. `peers.py` runs each peer in a separate process. `expected.py` predicts the answers of each peer
@@ -30,12 +30,11 @@ ANYWAY = {"NetworkX"}
 
 @dataclass(frozen=True)
 class Comparison:
-    """A number of our audit beside the number of a peer.
+    """A number from our audit, and the corresponding number from a peer library.
 
-    If the numbers agree, `why` is empty. If the numbers differ, `why` explains how the definitions differ
-    on this mesh and by how much, or names the expected number. `call` names the function of the peer. A
-    disagreement is a difference that definitions cannot explain. A disagreement is a bug in the peer or in
-    our audit.
+    If the numbers agree, `why` is empty. If the numbers differ, `why` explains the difference between the
+    definitions, or names the expected number. `call` names the function of the peer. A disagreement is a
+    difference that the definitions cannot explain. A disagreement is a bug in the peer or in our audit.
     """
 
     peer: str
@@ -117,7 +116,7 @@ def compare(peer: str, answers: Answers, facts: Facts) -> tuple[list[Comparison]
 
 
 def _judge(expected: Expected, theirs: Answer) -> tuple[Verdict, str]:
-    """Return whether a peer's number agrees with ours, and the reason for a difference."""
+    """Return whether a peer's number agrees with our number, and the reason for a difference."""
     if _are_close(theirs, expected.ours, 0 if expected.why else expected.slack):
         return "agrees", ""
     if expected.why and _are_close(theirs, expected.theirs, expected.slack):

@@ -96,7 +96,7 @@ def ask_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> An
         "off_edge_vertices": int(measures["non_two_manifold_vertices"]),
         "components": int(measures["connected_components_number"]),
     }
-    if measures["number_holes"] >= 0:  # the value is -1 on meshes that are not two-manifold
+    if measures["number_holes"] >= 0:  # The value is -1 for meshes that are not two-manifold.
         answers["boundary_loops"] = int(measures["number_holes"])
     return answers
 
@@ -144,8 +144,8 @@ def ask_networkx(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Ans
     """Return the counts of NetworkX. The graphs follow our definitions and are built here in plain Python.
 
     The vertex graph gives the edges. The face graph connects consecutive faces of an edge, and gives the
-    components. The third graph is the union of all vertex links. The node (v, w) of this graph is the edge
-    v-w at its end v. Each face is an arc of this graph at each of its corners.
+    components. The third graph is the union of all vertex links. In this graph, the node (v, w) is the end v
+    of the edge v-w. A face connects two nodes of this graph at each of its corners.
     """
     import networkx
 
@@ -228,7 +228,7 @@ PEERS: dict[str, Peer] = {
     "PyMeshLab": Peer("pymeshlab", "pymeshlab", ask_pymeshlab),
     "manifold3d": Peer("manifold3d", "manifold3d", ask_manifold3d),
     "trimesh": Peer("trimesh", "trimesh", ask_trimesh),
-    # NetworkX has Python objects for each element and takes about 10 s and 0.9 GB at this limit.
+    # At this limit, NetworkX takes about 10 s and 0.9 GB for its Python objects.
     "NetworkX": Peer("networkx", "networkx", ask_networkx, max_faces=200_000),
     # NetworkX takes 10 s and 0.9 GB per million faces.
     "NVIDIA": Peer("usd_validation_nvidia", "usd-validation-nvidia", ask_nvidia, max_faces=2_000_000),

@@ -37,7 +37,7 @@ def cut_by_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Re
 
 
 def drop_by_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Repaired:
-    """Return the faces that remain after PyMeshLab repairs first the edges (Remove Faces) and then the
+    """Return the faces that remain after a repair by PyMeshLab: first the edges (Remove Faces), then the
     vertices.
 
     Vertices and faces carry their numbers as a scalar attribute. PyMeshLab's filters keep this attribute.

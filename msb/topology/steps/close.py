@@ -28,13 +28,13 @@ def close(
     """Close the holes with at most `most_edges` edges; added faces and vertices come last.
 
     A boundary loop of three edges gets one face. A boundary loop of four edges gets two faces that share a
-    diagonal: the shorter diagonal, unless it is already an edge. A longer boundary loop gets a new vertex
-    in its middle. Boundary loops stay open in three cases:
+    diagonal. The shorter diagonal is used, unless it is already an edge. A longer boundary loop gets a new
+    vertex in its middle. A boundary loop stays open in three cases:
 
-    - the cap's area exceeds the share `most_share` of the area of the component. Such a boundary
-      loop is the outline of a piece. The cap of a flat piece has the share 1, the cap of a hemisphere 1/2;
-    - they are the outline of a single triangle;
-    - they pass through a vertex twice, change their winding, or end at an edge with more than two faces.
+    - The area of the cap, relative to the area of the component, exceeds `most_share`. Such a loop is the
+      outline of a piece. The cap of a flat piece has the share 1, and the cap of a hemisphere has 1/2.
+    - The loop is the outline of a single triangle.
+    - The loop passes through a vertex twice, changes its winding, or ends at an edge of three or more faces.
 
     Edges keep at most two faces, and vertices keep their number of fans. The step takes O(F log F) time.
     """
@@ -55,7 +55,7 @@ def close(
     small &= lowest != highest
     if not small.any():
         return unchanged(faces, len(points))
-    # first: the boundary edge of each loop at which the construction of its cap starts.
+    # `first` is the boundary edge at which the cap of each loop starts.
     first = np.zeros(len(rim.sizes), np.intp)
     first[rim.loop[::-1]] = np.arange(len(rim.loop))[::-1]
     caps = [_cap_triangles(rim, first[small & (rim.sizes == 3)])]
@@ -113,8 +113,8 @@ def _find_rims(analysis: Analysis) -> _RimEdges:
     halfedge = mesh.edge_halfedges[mesh.edge_offsets[boundary.edges]]
     after = next_in_face(halfedge)
     leaves, enters = fans.corner_fan[halfedge], fans.corner_fan[after]
-    # begins_at: the boundary edge that leaves each fan. The edge that leaves a fan follows the boundary
-    # edge that enters this fan.
+    # `begins_at` is the boundary edge that leaves each fan. If an edge leaves a fan, it follows the boundary
+    # edge that enters the same fan.
     begins_at = np.full(len(fans.fan_vertex), NONE, np.intp)
     begins_at[leaves] = np.arange(len(halfedge))
     follows = begins_at[enters]
@@ -156,7 +156,8 @@ def _cap_quadrangles(
     beside = np.stack([face_of(rim.halfedge[place]) for place in places], axis=1)
     where = analysis.vertices[corner].astype(np.float64)
     length = np.linalg.norm(where[:, :2] - where[:, 2:], axis=2)
-    # Try the shorter diagonal first, then the longer diagonal; an existing edge is no candidate.
+    # Try the shorter diagonal first, then the longer diagonal. A diagonal that is already an edge cannot be
+    # used.
     taken = analysis.mesh.edge_vertices.astype(np.int64)
     taken = taken[:, 0] * count + taken[:, 1]
     caps: list[Cap] = []
@@ -168,7 +169,7 @@ def _cap_quadrangles(
         )
         diagonal = np.sort(ring[:, ::2].astype(np.int64), axis=1)
         key = diagonal[:, 0] * count + diagonal[:, 1]
-        _, earliest = np.unique(key, return_index=True)  # two holes may share a diagonal
+        _, earliest = np.unique(key, return_index=True)  # Two holes may share a diagonal.
         free = np.zeros(len(left), bool)
         free[earliest] = True
         free &= ~np.isin(key, taken)

@@ -22,7 +22,7 @@ def cut(faces: NDArray[Any], vertex_count: int) -> Change:
 
 
 def split_vertices(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any]) -> Change:
-    """Return the change that keeps faces connected only at the given pairs of half-edges.
+    """Return the change that cuts faces apart, except at the given pairs of half-edges.
 
     The first group of corners at a vertex keeps the vertex's number; each further group gets a copy. Faces
     with a repeated index keep their vertices.
@@ -33,7 +33,7 @@ def split_vertices(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any]
     # The first group at each vertex keeps the number; all other groups get numbers from vertex_count on.
     group_vertex = np.zeros(count, faces.dtype)
     group_vertex[group[corners]] = mesh.origin[corners]
-    _, keeps = np.unique(group_vertex, return_index=True)  # groups are numbered by their first corner
+    _, keeps = np.unique(group_vertex, return_index=True)  # Groups are numbered by their first corner.
     copied = np.ones(count, bool)
     copied[keeps] = False
     copies = group_vertex[copied]

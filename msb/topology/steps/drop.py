@@ -18,12 +18,12 @@ _ROUNDS = 64
 def drop(points: NDArray[Any], faces: NDArray[Any], *, weights: NDArray[Any] | None = None) -> Change:
     """Remove faces at edges with more than two faces. Then copy the vertices where surfaces only touch.
 
-    Faces with the most such edges are removed first. If the numbers are equal, the face with the smallest
-    weight (F,) is removed. The default weight of a face is its area. Finding the smallest set of faces is
-    NP-hard, because the problem contains hypergraph matching, so the choice is greedy. Afterwards, removed
-    faces are restored as long as no edge gets a third face. Each round removes many faces that share no
-    edge with too many faces. There are few rounds, and each round takes O(F log F) time. Copies of vertices
-    come last.
+    Faces with the largest number of edges that have more than two faces are removed first. If the numbers are
+    equal, the face with the smallest weight (F,) is removed. The default weight of a face is its area.
+    Finding the smallest set of faces is NP-hard, because the problem contains hypergraph matching, so the
+    choice is greedy. Afterwards, removed faces are restored as long as no edge gets a third face. Each round
+    removes many faces that share no edge with too many faces. There are few rounds, and each round takes O(F
+    log F) time. Copies of vertices come last.
     """
     mesh = build_half_edges(faces, len(points))
     weight = face_areas(points, faces)[0] if weights is None else np.asarray(weights, np.float64)
@@ -86,8 +86,7 @@ def _restore(
 def _list_faces_at(
     edges: NDArray[Any], faces: NDArray[Any], wanted: NDArray[np.bool_]
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return for each edge of `faces` marked in `wanted` (E,) its faces: the face numbers (n,) and their
-    edges (n,)."""
+    """Return the faces of all edges that `wanted` (E,) marks, as face numbers (n,) and their edges (n,)."""
     faces = faces[edges[faces, 0] != NONE]
     place = np.flatnonzero(wanted[edges[faces]])
     return faces[place // 3], edges[faces].reshape(-1)[place]
@@ -96,7 +95,7 @@ def _list_faces_at(
 def _take_first_in_line(
     face: NDArray[Any], edge: NDArray[Any], line: NDArray[Any], face_count: int, room: NDArray[Any]
 ) -> NDArray[Any]:
-    """Return the pairs (face, edge) whose face is among the first ``room[edge]`` faces of the edge.
+    """At each edge, select the first ``room[edge]`` faces. Return the selected pairs (face, edge).
 
     `line` lists faces in order of preference.
     """
@@ -111,6 +110,6 @@ def _take_first_in_line(
 def _scramble(numbers: NDArray[Any]) -> NDArray[np.uint32]:
     """Return reproducible pseudo-random numbers that break ties.
 
-    Without the random numbers, neighbouring faces wait for each other.
+    Without these numbers, many rounds would be needed, because neighbouring faces wait for each other.
     """
     return numbers.astype(np.uint32) * np.uint32(2654435761)
