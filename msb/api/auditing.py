@@ -110,9 +110,9 @@ def audit_stored(mesh: StoredMesh, *, weld: Weld | None = None) -> tuple[Audit, 
 def next_command(audit: Audit, source: str, output: str | None = None, plan: str | None = None) -> str | None:
     """Return the command that improves a mesh. Return None if the mesh is OK or no command can improve it.
 
-    `source` is the path of the mesh, and `output` is the path of the file to write. Both paths are quoted
-    for a shell. The default `output` is a file in the current folder. `plan` replaces the repair plan of
-    the verdict.
+    The argument `source` is the path of the mesh. The argument `output` is the path of the file to write.
+    Both paths are quoted for a shell. The default `output` is a file in the current folder. The argument
+    `plan` replaces the repair plan of the verdict.
     """
     plan = judge(audit).plan if plan is None else plan
     if not plan:

@@ -16,7 +16,7 @@ _CHUNK = 1 << 23
 def check_drawable(asset: Asset, names: Iterable[str] | None = None) -> None:
     """Check in one pass over the buffers that the values of an asset can be drawn.
 
-    `names` are the float buffers to check. By default, all float buffers are checked.
+    The argument `names` contains the float buffers to check. By default, all float buffers are checked.
 
     Raises
     ------

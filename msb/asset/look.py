@@ -43,8 +43,8 @@ class StaticColors:
 def static_colors(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str]) -> StaticColors | None:
     """Return the buffer `color`, or clamp(C0 f_dc + 0.5, 0, 1). Return None if both buffers are missing.
 
-    Colours are clamped before they are interpolated (paper, "Standard deployment"). `domains` maps buffers
-    to their domains.
+    Colours are clamped before they are interpolated (paper, "Standard deployment"). The argument `domains`
+    maps buffers to their domains.
     """
     for name in ("color", "f_dc"):
         if name in buffers:
@@ -71,7 +71,7 @@ def tint_of(asset: Asset) -> StaticColors | None:
 def corner_colors(textured: Textured, tint: StaticColors | None, indices: NDArray[Any]) -> StaticColors:
     """Return the sRGB colours (3F, 3) float32 of textures at the corners of the faces, multiplied by `tint`.
 
-    Programs that cannot draw textures use the result. `indices` are the faces (F, 3).
+    Programs that cannot draw textures use the result. The argument `indices` contains the faces (F, 3).
     """
     # Sample each texture at the corners of its faces, in linear light (3F, 4).
     light = np.zeros((textured.uvs.size // 2, 4), np.float32)

@@ -67,7 +67,7 @@ class StoredSetting:
 
 @dataclass(frozen=True)
 class SourceFile:
-    """A source file of the asset. `path` is relative to the exported folder."""
+    """A source file of the asset. The field `path` is relative to the exported folder."""
 
     path: str
     sha256: str
@@ -100,7 +100,7 @@ class BufferSpec:
     """The declaration of a buffer: its position in a file, its type, its shape and its domain.
 
     The first length of `shape` is V, F or 3F, depending on the domain. For the domain "global", any length is
-    valid. `offset` and `byte_length` count bytes in `file`.
+    valid. The fields `offset` and `byte_length` count bytes in `file`.
     """
 
     file: str

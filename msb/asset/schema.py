@@ -44,7 +44,10 @@ def manifest_schema() -> Schema:
 
 
 def check_schema(value: Any, schema: Schema, pointer: str = "") -> Iterator[Finding]:
-    """Yield a finding for each violation of `schema` in `value`. `pointer` is the JSON pointer of `value`."""
+    """Yield a finding for each violation of `schema` in `value`.
+
+    The argument `pointer` is the JSON pointer of `value`.
+    """
     code = schema.get("x-code", "TRIASSET_FIELD")
     here = pointer or "the manifest"
     if not _has_type(value, schema.get("type")):

@@ -62,7 +62,7 @@ class Policy:
     def refuse(self, code: str, message: str, at: int) -> NoReturn:  # pragma: no cover
         """Raise an error about byte `at`.
 
-        `code` is the error code without the prefix for the kind of archive, for example FORM.
+        The argument `code` is the error code without the prefix for the kind of archive, for example FORM.
         """
         raise NotImplementedError
 

@@ -121,7 +121,7 @@ def textures_in(
 ) -> Textured:
     """Return the textures in `buffers`.
 
-    Raises the errors of `textures_of`. `domain` is the domain of the buffer `uv`.
+    Raises the errors of `textures_of`. The argument `domain` is the domain of the buffer `uv`.
     """
     images = texture_images(buffers)
     uvs = buffers["uv"]
@@ -251,8 +251,8 @@ def sample(
 ) -> NDArray[np.float32]:
     """Return linear light and alpha (N, 4) of a texture with mip `levels` at `uvs` (N, 2).
 
-    `lod` (N,) is log2 of the number of texels of level 0 per pixel. A missing, zero or negative `lod` selects
-    level 0. If `lod` lies between two levels, both levels are blended.
+    The argument `lod` (N,) is log2 of the number of texels of level 0 per pixel. A missing, zero or negative
+    `lod` selects level 0. If `lod` lies between two levels, both levels are blended.
     """
     if lod is None or not sampler.mipmaps or len(levels) == 1:
         return _sample_level(levels[0], uvs, sampler)

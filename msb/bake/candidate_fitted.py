@@ -127,8 +127,8 @@ def make_fitted(
 def _plan_halving(pixels: Floats, most: int) -> Ints:
     """Return how often to halve each face (F,), so that there are at most `most` pieces.
 
-    `pixels` (F,) is the number of pixels that a face covers. All pieces cover about the same number of
-    pixels, at least `FINE_PIXELS`.
+    The argument `pixels` (F,) is the number of pixels that a face covers. All pieces cover about the same
+    number of pixels, at least `FINE_PIXELS`.
     """
     times = np.zeros(len(pixels), np.int64)
     piece = FINE_PIXELS

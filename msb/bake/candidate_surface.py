@@ -84,7 +84,7 @@ class ClosedSurface(NamedTuple):
 class ReducedSurface(NamedTuple):
     """A closed surface with about `budget` faces, reduced from `original_faces` faces.
 
-    `error` is the validation error of the surface with the best vertex colours.
+    The field `error` is the validation error of the surface with the best vertex colours.
     """
 
     surface: ClosedSurface
@@ -158,8 +158,8 @@ def enclose(
 ) -> ClosedSurface:
     """Return the closed surface around the visible parts of a soup, or of Gaussians.
 
-    `cells` is the number of cells along the longest side, for an object and for a scene. `margin` is the
-    distance in cells between an object and the planes that close its unseen sides.
+    The argument `cells` is the number of cells along the longest side, for an object and for a scene. The
+    argument `margin` is the distance in cells between an object and the planes that close its unseen sides.
 
     Raises
     ------

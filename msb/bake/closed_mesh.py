@@ -95,7 +95,7 @@ def label_parts(points: Floats | Singles, faces: Ints) -> NDArray[np.int32]:
 def select_visible_parts(points: Floats, faces: Ints, pixels: Ints, least: float) -> Mask:
     """Return a mask (F,) of the most visible part and all parts that `least` pixels show.
 
-    `pixels` (F,) is the number of pixels that show each face.
+    The argument `pixels` (F,) is the number of pixels that show each face.
     """
     label = label_parts(points, faces)
     part_pixels = np.bincount(label, weights=pixels)
@@ -141,9 +141,9 @@ def coarsen_unseen(
 ) -> tuple[Floats, Ints]:
     """Merge the vertices of hardly visible parts, so that these parts use few of the `count` faces.
 
-    `pixels` (F,) is the number of pixels of an average view that show each face. Vertices are merged along
-    edges that a reduction by quadric error also collapses, so that the surface keeps its shape. After
-    merging, more than two faces may meet at an edge.
+    The argument `pixels` (F,) is the number of pixels of an average view that show each face. Vertices are
+    merged along edges that a reduction by quadric error also collapses, so that the surface keeps its shape.
+    After merging, more than two faces may meet at an edge.
     """
     if len(faces) <= count:
         return points, faces

@@ -187,8 +187,9 @@ def _make_parts(
 ) -> tuple[CollisionKind, list[PointsAndFaces], str]:
     """Return the kind and the parts of a shape.
 
-    If the kind differs from the requested kind, also return the reason. `surface` is the visible mesh.
-    `solid` is the closed surface of the mesh, or None. `space` is None if no camera sees the mesh.
+    If the kind differs from the requested kind, also return the reason. The argument `surface` is the visible
+    mesh. The argument `solid` is the closed surface of the mesh, or None. The argument `space` is None if no
+    camera sees the mesh.
     """
     if requested == "box":
         return "box", [fit_box(surface[0])], ""

@@ -101,8 +101,8 @@ def _solve_faces(products: Floats, targets: Floats, colors: Singles) -> Floats:
 def _find_color_limits(products: Floats, colors: Floats) -> tuple[Floats, Floats]:
     """Return the smallest and the largest allowed colour (n, 3) of a face's corners.
 
-    The limits follow from the mean and the standard deviation of the colour over the pixels of the face.
-    `colors` (n, 3, 3) are the colours of the face's corners. The limits lie within [0, 1].
+    The limits follow from the mean and the standard deviation of the colour over the pixels of the face. The
+    argument `colors` (n, 3, 3) contains the colours of the face's corners. The limits lie within [0, 1].
     """
     share = products.sum(axis=2)
     count = np.maximum(share.sum(axis=1, keepdims=True), 1e-12)
@@ -131,7 +131,7 @@ def _solve_faces_within(system: Floats, targets: Floats, x: Floats, low: Floats,
 def fit_mesh_colors(sums: FaceSums, faces: Ints, colors: Singles, laplacian: csr_matrix) -> Singles:
     """Return the best vertex colours (V, 3) in [0, 1] of a mesh with faces (F, 3) and previous `colors`.
 
-    `laplacian` is the result of `make_edge_laplacian` for the faces.
+    The argument `laplacian` is the result of `make_edge_laplacian` for the faces.
     """
     import scipy.sparse as sparse
 

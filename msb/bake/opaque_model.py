@@ -75,8 +75,8 @@ def prune_faces(
 ) -> None:
     """Prune faces of `soup` that cover far more pixels than they contribute to native renderings.
 
-    `best` keeps the state with the smallest validation error. Without `weights` no face is pruned. A face has
-    the average colour of the pixels that show it, until its colour is fitted.
+    The object `best` keeps the state with the smallest validation error. Without `weights` no face is pruned.
+    A face has the average colour of the pixels that show it, until its colour is fitted.
     """
     if weights is not None:
         # Blending weights (F,) in pixels. The weights were measured in images of another size, so scale them

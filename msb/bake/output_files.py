@@ -40,8 +40,8 @@ _SMALLEST_TEXTURED = Mesh(
 class OutputAsset(NamedTuple):
     """An asset of a bake, the ending of its file name, and the `extras` in its GLB.
 
-    `collision` is the collision shape that a USD stage includes, and `is_convex` whether its parts are
-    convex. With `is_lit`, other programs light the materials.
+    The field `collision` is the collision shape that a USD stage includes. The field `is_convex` states
+    whether its parts are convex. With `is_lit`, other programs light the materials.
     """
 
     ending: str

@@ -56,8 +56,8 @@ def _measure_model_only(
 ) -> float:
     """Return the average PSNR in dB over the pixels that the model or the baked mesh covers.
 
-    `covered` has the coverage masks (H, W) of the model. Pixels that neither mesh covers show the background
-    in both images.
+    The argument `covered` has the coverage masks (H, W) of the model. Pixels that neither mesh covers show
+    the background in both images.
     """
     values = []
     with closing(StandardRenderer(baked, device=device, supersample=SAMPLES_PER_SIDE)) as renderer:

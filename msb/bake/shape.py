@@ -82,8 +82,8 @@ class TrueShape:
 def measure_bending(points: Floats, faces: Ints, visible: Mask, size: float = 1.0) -> Bending:
     """Return the bending of the faces (F, 3) that are `visible` (F,); vertices at one place are joined.
 
-    `size` is the size S of the visible part in scene units. The ratio of two bendings does not depend on the
-    size.
+    The argument `size` is the size S of the visible part in scene units. The ratio of two bendings does not
+    depend on the size.
     """
     _, place = np.unique(points.astype(np.float32), axis=0, return_inverse=True)
     faces = place.reshape(-1)[faces[visible]]

@@ -164,7 +164,8 @@ class Soup:
     def halve(self, times: Ints) -> Self:
         """Return the selected faces, each divided into 2^times pieces.
 
-        `times` has one value for each selected face. A cut halves a piece at the middle of its longest side.
+        The argument `times` has one value for each selected face. A cut halves a piece at the middle of its
+        longest side.
         """
         soup = self.drop_hidden()
         while times.any():

@@ -191,10 +191,10 @@ class SoupRenderer(SupervisedRenderer):
     def measure_changes(self, owner: NDArray[np.int32], proposals: int) -> Floats:
         """Return the increase of the squared error of each stored view that each proposal causes.
 
-        `owner` (F,) is the proposal number of each face, or -1. A pixel's change is assigned to the proposals
-        of the face before and of the face after the change. If a pixel changes between the faces of two
-        proposals, each proposal gets one half. The result (views, proposals) is in squared differences of
-        colours in [0, 1], summed over channels and pixels.
+        The argument `owner` (F,) is the proposal number of each face, or -1. A pixel's change is assigned to
+        the proposals of the face before and of the face after the change. If a pixel changes between the
+        faces of two proposals, each proposal gets one half. The result (views, proposals) is in squared
+        differences of colours in [0, 1], summed over channels and pixels.
         """
         views = len(self._numbers)
         owners = self._scratch("owner", self._count, np.int32)

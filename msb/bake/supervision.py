@@ -57,8 +57,8 @@ def make_best_attempt(
 ) -> tuple[Attempt, dict[str, float], list[str]]:
     """Return the attempt with the better supervision, the validation PSNRs in dB, and notes.
 
-    The PSNR values are compared with photographs, and are empty unless two supervisions were tried. `stack`
-    closes the image sources and the pipelines.
+    The PSNR values are compared with photographs, and are empty unless two supervisions were tried. The exit
+    stack `stack` closes the image sources and the pipelines.
     """
     if inputs.scene is not None and not isinstance(inputs.scene, Scene):
         inputs = replace(inputs, scene=scene_of(inputs.model.manifest, inputs.scene))

@@ -40,13 +40,13 @@ _RUN, _RUN_GROUP = 64, 8
 class TextureEquations(OnDevice):
     """The normal equations of a square texture and its mip levels.
 
-    `stencils` (texels, 8) has a row for each texel, level by level. The first five values of a stencil are
-    the sums of products of the texel's weight with the weights of five texels: itself, and the texels to the
-    right, below, below right and below left. The last three values of a stencil are the right sides of red,
-    green and blue. `msb.bake.texture_renderer` computes the sums of the stencils.
+    The field `stencils` (texels, 8) has a row for each texel, level by level. The first five values of a
+    stencil are the sums of products of the texel's weight with the weights of five texels: itself, and the
+    texels to the right, below, below right and below left. The last three values of a stencil are the right
+    sides of red, green and blue. `msb.bake.texture_renderer` computes the sums of the stencils.
 
-    `sides` has the number of texels along a side for each mip level. `starts` has the number of the first
-    texel of each mip level, then the number of all texels.
+    The field `sides` has the number of texels along a side for each mip level. The field `starts` has the
+    number of the first texel of each mip level, then the number of all texels.
     """
 
     def __init__(self, size: int, device: str | Device | None = None) -> None:
@@ -116,7 +116,7 @@ class TextureEquations(OnDevice):
         return result
 
     def _describe_levels(self) -> list[tuple[int, tuple[np.uint32, np.uint32, np.int32]]]:
-        """Return a pair for each level: the number of texels, and (first texel, next first texel or 0, side)."""
+        """Return for each level: the number of texels, and (first texel, next first texel or 0, side)."""
         starts = [*map(np.uint32, self.starts[:-1]), np.uint32(0)]
         sides = self.sides.tolist()
         return [(n * n, (starts[k], starts[k + 1], np.int32(n))) for k, n in enumerate(sides)]

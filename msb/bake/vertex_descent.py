@@ -52,7 +52,8 @@ def move_vertices(
 ) -> None:
     """Move the vertices of `soup` to reduce the error; `points` (V, 3) are their places in `space`.
 
-    The moves do not cause further crossing faces. `best` evaluates the state of the soup every few steps.
+    The moves do not cause further crossing faces. The object `best` evaluates the state of the soup every few
+    steps.
     """
     from scipy.sparse import identity
     from scipy.sparse.linalg import splu

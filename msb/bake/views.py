@@ -279,8 +279,8 @@ def _split(
 ) -> BakeViews:
     """Return the views of a bake; split off validation views and add interpolated views.
 
-    `training` and `test` are the training and test views of `chosen`. With photographs, `interpolate` must be
-    false.
+    The arguments `training` and `test` are the training and test views of `chosen`. With photographs,
+    `interpolate` must be false.
     """
     count = len(training)
     fitting, validation = split_every_8th(training) if count >= _MIN_VIEWS_TO_SPLIT else (training, [])

@@ -58,8 +58,9 @@ def _split_vertices(
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]:
     """Return the old vertex (N,) and the values (N, K) of each new vertex, and the new vertex of each corner.
 
-    The corners are grouped by texture. `corners` (C,) are their old vertices, `textures` (C,) their textures,
-    and `values` (C, K) their values. `count` is the number of old vertices; unused vertices are kept.
+    The corners are grouped by texture. The corners have the old vertices `corners` (C,), the textures
+    `textures` (C,) and the values `values` (C, K). The argument `count` is the number of old vertices. Unused
+    vertices are kept.
     """
     # Corners with the same vertex, texture and values (compared bit by bit) share a new vertex. Sort the
     # corners into groups. `first` (N,) is the earliest corner of each group, and `numbers` (C,) is the group

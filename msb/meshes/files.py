@@ -146,8 +146,8 @@ def write_whole(
 
     Either all files are written or no file is written.
 
-    `check_companion` may reject the path of an additional file before anything is written. Raises the errors
-    of `write_mesh` and `new_files`.
+    The function `check_companion` may reject the path of an additional file before anything is written.
+    Raises the errors of `write_mesh` and `new_files`.
     """
     style = replace(style or Style(), stem=path.stem)
     companions = companion_files(mesh, path, style)

@@ -110,9 +110,9 @@ class Format:
     keeps : tuple of {"vertex_colors", "face_colors", "vertex_uvs", "normals", "textures", "collision"}
         The optional parts of a mesh that the format can store.
     list_stored, list_lost : callable, optional
-        Functions of a textured mesh. `list_stored` names the colours and textures that a file stores, and
-        `list_lost` names the parts that are lost. These functions are only needed if `keeps` does not
-        determine the stored data.
+        Functions of a textured mesh. The function `list_stored` names the colours and textures that a file
+        stores. The function `list_lost` names the lost parts. These functions are only needed if `keeps` does
+        not determine the stored data.
     is_soup : bool
         True if the format stores three vertices per face, so that faces never share vertices.
     is_single : bool

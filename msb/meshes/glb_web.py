@@ -47,8 +47,8 @@ _MANTISSA = 23
 class Grid:
     """Positions (V, 3) rounded to a grid.
 
-    The position of vertex v is corner + step * whole[v], and whole[v] is a multiple of 2 ** exponents[v].
-    `corner` is relative to the point `origin` (3,).
+    The position of vertex v is corner + step * whole[v], and whole[v] is a multiple of 2 ** exponents[v]. The
+    field `corner` is relative to the point `origin` (3,).
     """
 
     whole: NDArray[np.int64]
@@ -255,7 +255,7 @@ def _reorder_mesh(part: Primitive) -> Primitive:
 class _CompressedBuilder(GlbBuilder):
     """A GLB file with compressed arrays.
 
-    `plain` is the size of the uncompressed arrays in bytes.
+    The field `plain` is the size of the uncompressed arrays in bytes.
 
     Every float attribute contains multiples of powers of two. For each attribute name, `exponents` contains
     the exponents of these powers, (V,) or (1,).

@@ -145,9 +145,10 @@ def _encode_colors(colors: NDArray[Any], style: Style) -> NDArray[Any]:
 
 
 def split(mesh: Mesh, attributes: dict[str, NDArray[Any]]) -> Iterator[Primitive]:
-    """Yield one primitive per texture. `attributes` (V, K) are the attributes of all vertices.
+    """Yield one primitive per texture.
 
-    Faces and vertices of `mesh` must be grouped by texture, as `with_vertex_uvs` returns them.
+    The argument `attributes` (V, K) contains the attributes of all vertices. Faces and vertices of `mesh`
+    must be grouped by texture, as `with_vertex_uvs` returns them.
     """
     if mesh.face_textures is None:
         yield Primitive(attributes, mesh.faces, 0 if mesh.textures else None)

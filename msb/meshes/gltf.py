@@ -214,9 +214,9 @@ class Document:
 class Accessor:
     """A validated description of an array (count, width). The file contains all bytes of the array.
 
-    `data` has the bytes of the buffer view, or is None for an array of zeros. The first element of the array
-    begins at byte `start` of `data`. Each further element of the array begins `stride` bytes later. `sparse`
-    has two accessors: the indices of elements to replace, and their new values.
+    The field `data` has the bytes of the buffer view, or is None for an array of zeros. The first element of
+    the array begins at byte `start` of `data`. Each further element of the array begins `stride` bytes later.
+    The field `sparse` has two accessors: the indices of elements to replace, and their new values.
     """
 
     document: Document
@@ -313,8 +313,9 @@ def parse_accessor(
 ) -> Accessor:
     """Return accessor `index` after checking that its bytes exist.
 
-    `kinds` are the allowed element types, such as "VEC3 VEC4", and `components` the allowed number types,
-    such as "u1 u2 f4". `unpacked` (count, width) are decompressed values that replace the buffer view.
+    The argument `kinds` has the allowed element types, such as "VEC3 VEC4". The argument `components` has the
+    allowed number types, such as "u1 u2 f4". The argument `unpacked` (count, width) contains decompressed
+    values that replace the buffer view.
     """
     entry, pointer = document.entry("accessors", index)
     kind = entry.get("type")

@@ -34,8 +34,9 @@ _OTHERS = {
 class TextureUse:
     """The use of an image by a material.
 
-    `image` is the number of the image. `uv_set` is the number of the set of texture coordinates. `transform`
-    (2, 3) is the matrix that is multiplied with (u, v, 1), or None for the identity.
+    The field `image` is the number of the image. The field `uv_set` is the number of the set of texture
+    coordinates. The field `transform` (2, 3) is the matrix that is multiplied with (u, v, 1), or None for the
+    identity.
     """
 
     image: int
@@ -48,8 +49,8 @@ class TextureUse:
 class BaseColor:
     """The base colour of a material is the product of `factor` (RGBA in linear light) and `texture`.
 
-    `cutoff` is the alpha cut-off, or None if alpha is ignored. `is_lost` is set if the material has a texture
-    that cannot be read.
+    The field `cutoff` is the alpha cut-off, or None if alpha is ignored. The field `is_lost` is set if the
+    material has a texture that cannot be read.
     """
 
     factor: tuple[float, ...] = _WHITE

@@ -208,7 +208,10 @@ def _list_meshopt_jobs(document: Document, index: int) -> Iterator[Job]:
 def _make_draco_job(
     document: Document, primitive: dict[str, Any], packed: dict[str, Any], pointer: str
 ) -> Job:
-    """Return the job for a compressed primitive. `packed` is the extension object of the primitive."""
+    """Return the job for a compressed primitive.
+
+    The argument `packed` is the extension object of the primitive.
+    """
     where = f"{pointer}/extensions/{DRACO}"
     data, _, _ = document.view(document.integer(packed, "bufferView", where))
     numbers = document.object(packed, "attributes", where)

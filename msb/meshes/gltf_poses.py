@@ -125,7 +125,10 @@ class Poses:
     def _read_attribute(
         self, attributes: dict[str, Any], name: str, where: str, primitive: Primitive, kind: tuple[str, str]
     ) -> NDArray[Any]:
-        """Return the values (V, K) of an attribute. `kind` has the allowed element types and number types."""
+        """Return the values (V, K) of an attribute.
+
+        The argument `kind` has the allowed element types and number types.
+        """
         unpacked = self.document.packed.get(primitive.pointer, {}).get(name)
         number = self.document.integer(attributes, name, where)
         stored = parse_accessor(self.document, number, kinds=kind[0], components=kind[1], unpacked=unpacked)

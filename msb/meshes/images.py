@@ -82,9 +82,10 @@ class Decoder:
             Image.MAX_IMAGE_PIXELS = limit
 
     def _take(self, size: tuple[int, int], width: int, stored: int) -> None:
-        """Reserve memory for an image. `size` is its (width, height), and a texel has `width` bytes.
+        """Reserve memory for an image.
 
-        The image file has `stored` bytes. Raise MESH_FILE_TOO_LARGE if the memory limit is exceeded.
+        The argument `size` is the (width, height) of the image. A texel has `width` bytes. The image file has
+        `stored` bytes. Raise MESH_FILE_TOO_LARGE if the memory limit is exceeded.
         """
         if not 0 < min(size) <= max(size) <= MAX_SIDE:
             text = f"the image is {size[0]} x {size[1]}; at most {MAX_SIDE} texels a side are supported"

@@ -20,7 +20,8 @@ Files = dict[tuple[Path, int | None], bytes]
 def read_uri(source: Source, uri: str, pointer: str, most: int | None, files: Files) -> bytes:
     """Return the bytes that a glTF `uri` refers to: embedded data (RFC 2397), or a linked file.
 
-    `most` limits the number of bytes; see `read_linked_file`. `files` caches the linked files that were read.
+    The argument `most` limits the number of bytes; see `read_linked_file`. The argument `files` caches the
+    linked files that were read.
     """
     embedded = _EMBEDDED.match(uri)
     if embedded is not None:

@@ -49,8 +49,8 @@ def list_losses(
 ) -> Iterator[str]:
     """Yield a note for each loss between `mesh` and `written`, the mesh in a file of `suffix`.
 
-    `left_out` lists parts of the source that were already missing in `mesh`. `image_loss` ends the sentence
-    about textures that became vertex colours.
+    The argument `left_out` lists parts of the source that were already missing in `mesh`. The text
+    `image_loss` ends the sentence about textures that became vertex colours.
     """
     form = FORMATS[suffix]
     is_split = not np.array_equal(written.faces, mesh.faces)

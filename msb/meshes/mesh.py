@@ -113,7 +113,7 @@ class Mesh:
     def select(self, vertices: Any, faces: Any, numbers: NDArray[np.int64]) -> Mesh:
         """Return the mesh with the selected rows of vertices and faces, given as masks or row indices.
 
-        `numbers` (F', 3) are the new `faces`, which index the selected vertices.
+        The argument `numbers` (F', 3) contains the new `faces`, which index the selected vertices.
         """
         rows: dict[str, Any] = {"faces": numbers}
         by_face = ("face_colors", "face_textures")

@@ -124,7 +124,8 @@ def _add_vertices(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> 
 def _add_faces(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> None:
     """Append the polygons of the `f` and `fo` lines.
 
-    `is_vertex` (L,) selects the `v` lines. Negative indices count backwards from the last preceding `v` line.
+    The argument `is_vertex` (L,) selects the `v` lines. Negative indices count backwards from the last
+    preceding `v` line.
     """
     is_face = select_face_lines(words)
     chosen = words.arguments(is_face)

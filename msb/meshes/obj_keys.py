@@ -20,8 +20,8 @@ from msb.meshes.text import Words, word_blocks
 def read_corner_keys(mesh: Mesh, text: Source, cut: Triangulation) -> NDArray[np.uint32] | None:
     """Return the seam keys (3F,) of the corners of `mesh`, which was read from `text`, or None.
 
-    `cut` is the triangulation of the polygons. The keys only have an effect if two vertices coincide. The
-    result is None if normals or texture coordinates are malformed.
+    The argument `cut` is the triangulation of the polygons. The keys only have an effect if two vertices
+    coincide. The result is None if normals or texture coordinates are malformed.
     """
     with np.errstate(over="ignore"):
         places = np.ascontiguousarray(mesh.vertices.astype(np.float32) + np.float32(0))

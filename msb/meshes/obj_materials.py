@@ -91,7 +91,7 @@ def names_materials(text: Source) -> bool:
 def with_materials(mesh: Mesh, text: Source, cut: Triangulation) -> tuple[Mesh, LeftOut]:
     """Return `mesh`, which was read from `text`, with textures, and the names of unread data.
 
-    `cut` is the triangulation of the polygons.
+    The argument `cut` is the triangulation of the polygons.
 
     A material becomes its image, or a single texel of its colour. Libraries and images that cannot be read
     are skipped. A material without an image loses its colour if vertices have colours, or if there are more
@@ -153,7 +153,7 @@ def _with_textures(
 ) -> Mesh:
     """Return `mesh` with the textures of its materials.
 
-    `uses` lists the byte offsets of `usemtl` lines and the textures of these lines.
+    The argument `uses` lists the `usemtl` lines by byte offset, and their textures.
     """
     uvs, corners, lines = _read_coordinates(text)
     # A polygon has the texture of the last preceding `usemtl` line. Number the textures that polygons use.

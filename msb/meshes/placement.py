@@ -75,8 +75,8 @@ class Placement:
 def place(mesh: Mesh, *, is_upright: bool) -> Mesh:
     """Return a mesh in the form for a file: in metres if its unit is known, and with +y up if `is_upright`.
 
-    `mesh` is in the coordinates of the capture. The written mesh has a `placement` if it differs from `mesh`,
-    or if a unit is recorded.
+    The argument `mesh` is in the coordinates of the capture. The written mesh has a `placement` if it differs
+    from `mesh`, or if a unit is recorded.
     """
     frame = mesh.frame or Frame()
     up = frame.up if frame.up is not None else (None if mesh.up is None else parse_up(mesh.up))

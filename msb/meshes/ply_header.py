@@ -64,8 +64,9 @@ class Element:
 class Header:
     """The parsed header.
 
-    The field `order` is a value of `FORMATS`. `body` is the offset of the body in the file, in bytes.
-    `images` has the names of texture images in comments, and `comments` has the other comments.
+    The field `order` is a value of `FORMATS`. The field `body` is the offset of the body in the file, in
+    bytes. The field `images` has the names of texture images in comments. The field `comments` has all other
+    comments.
     """
 
     order: str

@@ -62,9 +62,9 @@ class Triangulation:
 def triangulate(points: NDArray[Any], corners: NDArray[np.int64], counts: NDArray[np.int64]) -> Triangulation:
     """Split every polygon into triangles, without new vertices.
 
-    `points` (V, 3) are the vertices. `corners` (C,) are the concatenated vertex indices of all polygons.
-    `counts` (N,) is the number of corners of each polygon. A polygon with n corners gives n - 2 triangles.
-    Polygons with fewer than three corners are dropped.
+    The argument `points` (V, 3) contains the vertices. The argument `corners` (C,) contains the concatenated
+    vertex indices of all polygons. The argument `counts` (N,) is the number of corners of each polygon. A
+    polygon with n corners gives n - 2 triangles. Polygons with fewer than three corners are dropped.
 
     Usually a polygon becomes the triangle fan (0, 1, 2), (0, 2, 3), ... around its first corner. The fan of a
     convex polygon has no reversed triangle. If a fan triangle is reversed, ears of the polygon are cut, in
@@ -129,8 +129,8 @@ def _gather(
 ) -> Floats:
     """Return x, y and z (3, P, `width`) of polygons relative to their first corner, with a size of 1.
 
-    `first` (P,) are the positions of the first corners. Shorter polygons are padded with their last corner.
-    Invalid vertices have NaN coordinates.
+    The argument `first` (P,) contains the positions of the first corners. Shorter polygons are padded with
+    their last corner. Invalid vertices have NaN coordinates.
     """
     rows = corners[first[:, None] + np.minimum(np.arange(width), counts[:, None] - 1)]
     wrong = (rows < 0) | (rows >= len(points))
@@ -245,8 +245,8 @@ def _cut_ears(x: Floats, y: Floats, counts: NDArray[np.int64]) -> tuple[NDArray[
 class _Ring:
     """The remaining corners of polygons, as linked rings.
 
-    `x`, `y` (P, M) are the coordinates of the corners, and `before` and `after` (P, M) the neighbours of the
-    corners. The mask `is_left` (P, M) selects the remaining corners.
+    The fields `x` and `y` (P, M) are the coordinates of the corners. The fields `before` and `after` (P, M)
+    are the neighbours of the corners. The mask `is_left` (P, M) selects the remaining corners.
     """
 
     x: Floats
@@ -353,7 +353,7 @@ def find_wrong_polygon(
 ) -> tuple[int, int] | None:
     """Return the first polygon with a vertex index outside 0..`vertices` - 1, and the index; or None.
 
-    `faces` (F, 3) and `polygon` (F,) are the triangles and polygons of a `Triangulation`.
+    The arguments `faces` (F, 3) and `polygon` (F,) are the triangles and polygons of a `Triangulation`.
     """
     if not faces.size or (faces.min() >= 0 and faces.max() < vertices):
         return None
@@ -365,8 +365,8 @@ def find_wrong_polygon(
 def join_faces(parts: Iterable[NDArray[np.int64]], counts: Sequence[int]) -> NDArray[np.int64]:
     """Concatenate the faces of several parts, renumbered for the concatenated vertices.
 
-    `counts` are the numbers of vertices of the parts. An invalid index of a part is changed to an index that
-    is invalid in the result.
+    The argument `counts` contains the numbers of vertices of the parts. An invalid index of a part is changed
+    to an index that is invalid in the result.
     """
     total, base, joined = sum(counts), 0, []
     for faces, count in zip(parts, counts, strict=True):

@@ -111,7 +111,8 @@ def _read_vertices(words: Words, is_vertex: NDArray[np.bool_]) -> NDArray[np.flo
 def _check_order(text: Source, codes: NDArray[np.uint8], places: NDArray[np.int64]) -> None:
     """Raise an error if a face is incomplete, or if "solid" or "endsolid" interrupts a face.
 
-    `codes` (L,) are the codes of the lines' first words, `places` (L,) the byte offsets of the lines.
+    The argument `codes` (L,) has the codes of the lines' first words. The argument `places` (L,) has the byte
+    offsets of the lines.
     """
     between = codes >= _CODES[b"solid"]
     # Every face must consist of these lines in this order, except for "solid" and "endsolid" lines.

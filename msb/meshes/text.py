@@ -110,8 +110,8 @@ class Words:
         """Return the selected words (T,) as zero-based OBJ indices.
 
         In the file, positive indices count from 1. Negative indices count backwards; -1 is the last element
-        above the line. `above` (L,) is the number of elements above each line. Messages call the elements
-        `of`.
+        above the line. The argument `above` (L,) is the number of elements above each line. Messages call the
+        elements `of`.
         """
         values = self.numbers(chosen)
         at = find_not_whole(values)
@@ -140,7 +140,7 @@ class Words:
     def _bad_number(self, start: NDArray[np.int64], end: NDArray[np.int64]) -> MeshFileError:
         """Return the error about the first word that is not a number.
 
-        `start` and `end` (N,) are the offsets of the words.
+        The arguments `start` and `end` (N,) are the offsets of the words.
         """
         for first, last in zip(start.tolist(), end.tolist(), strict=True):
             word = self.text[first:last].tobytes()
@@ -194,7 +194,7 @@ class Table:
     def integers(self, places: NDArray[np.int64], what: str) -> NDArray[np.int64]:
         """Return the `values` at `places` as integers, in the shape of `places`.
 
-        `what` names the values in the error for a value that is not an integer.
+        The text `what` names the values in the error for a value that is not an integer.
         """
         values = self.values[places]
         bad = find_not_whole(values.ravel())
@@ -208,7 +208,7 @@ class Table:
 def read_table(source: Source, start: int, *, comments: bool = False) -> Table:
     """Return all numbers of a text, starting at byte `start`.
 
-    `comments` has the same meaning as in `word_blocks`.
+    The argument `comments` has the same meaning as in `word_blocks`.
     """
     values, counts, places, fractions = [np.zeros(0)], [np.zeros(1, np.int64)], [np.zeros(0, np.int64)], []
     for words in word_blocks(source, start, comments=comments):

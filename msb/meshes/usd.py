@@ -125,7 +125,7 @@ def _with_textures(mesh: Mesh, source: Source, data: dict[str, Any]) -> Mesh:
 def _adjust_texels(image: NDArray[np.uint8], use: Mapping[str, Any]) -> NDArray[np.uint8]:
     """Return `image` as sRGB texels (H, W, 3 | 4).
 
-    `use` has the fields of `msb.meshes.usd_materials.ImageUse`.
+    The argument `use` has the fields of `msb.meshes.usd_materials.ImageUse`.
     """
     scale, bias = use["scale"], use["bias"]
     if not use["is_raw"] and (set(scale), set(bias)) == ({1.0}, {0.0}):

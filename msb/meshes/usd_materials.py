@@ -31,8 +31,9 @@ _OTHER_MAPS = {
 class ImageUse:
     """An image file, and the conversions of its texels before rendering.
 
-    In linear light, a texel is multiplied with `scale` (RGBA), and `bias` (RGBA) is added. `is_raw` is set if
-    the file stores linear light. `has_alpha` is set if alpha is compared with the cut-off.
+    In linear light, a texel is multiplied with `scale` (RGBA), and `bias` (RGBA) is added. The field `is_raw`
+    is set if the file stores linear light. The field `has_alpha` is set if alpha is compared with the
+    cut-off.
     """
 
     file: str

@@ -25,8 +25,8 @@ _DOMAINS = {"uniform": "face", "faceVarying": "corner"}
 class _PrimArrays:
     """The triangles of a mesh prim with their colours, UVs and textures.
 
-    `colors` (linear light) and `uvs` are None if the prim does not define them. `textures` (F,) are image
-    numbers. `normals` are only used to explain duplicated vertices.
+    The fields `colors` (linear light) and `uvs` are None if the prim does not define them. The field
+    `textures` (F,) contains image numbers. The field `normals` is only used to explain duplicated vertices.
     """
 
     points: NDArray[Any]
@@ -84,8 +84,9 @@ class _Refused(Exception):
 class _Reader:
     """Reader for the mesh prims of a USD stage.
 
-    `images` has the numbers of the images, in the order of their use. The key None means faces without an
-    image. `textured` has the materials in use that have an image. `left_out` has the names of unread data.
+    The field `images` has the numbers of the images, in the order of their use. The key None means faces
+    without an image. The field `textured` has the materials in use that have an image. The field `left_out`
+    has the names of unread data.
     """
 
     def __init__(self, stage: Any) -> None:
@@ -178,8 +179,8 @@ class _Reader:
     ) -> None:
         """Add colours, UVs and textures to the `arrays` of a prim.
 
-        `materials` are the materials of the prim, with the triangles of each material. `read(name, width)`
-        returns the values of a primvar.
+        The argument `materials` contains the materials of the prim, with the triangles of each material.
+        `read(name, width)` returns the values of a primvar.
         """
         # Read the texture coordinates of the images. A material without texture coordinates loses its image.
         placed: dict[tuple[str, Any], Values | None] = {}
@@ -222,9 +223,9 @@ class _Reader:
     ) -> Values | None:
         """Return the domain of the primvar `name` and its values (n, `width`), or None if it is not set.
 
-        `shape` has the numbers of vertices, polygons and polygon corners. `order` and `polygon` are the
-        arrays of `read_prim`. Values of polygons become values of triangles. A primvar with a wrong number of
-        values is ignored. For `displayColor`, a wrong number is an error.
+        The argument `shape` has the numbers of vertices, polygons and polygon corners. The arguments `order`
+        and `polygon` are the arrays of `read_prim`. Values of polygons become values of triangles. A primvar
+        with a wrong number of values is ignored. For `displayColor`, a wrong number is an error.
         """
         from pxr import UsdGeom
 

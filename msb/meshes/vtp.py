@@ -59,8 +59,9 @@ def write_vtp(
 ) -> None:
     """Write PolyData with points (V, 3), and cells: verts (n, 1), lines (n, 2) and polys (n, 3).
 
-    `cell_data` has uint8 or int64 arrays with one value per cell, in VTK's order of cells (verts, lines,
-    polys). `names` is a field array: its name, and its values (ASCII strings).
+    The argument `cell_data` has uint8 or int64 arrays with one value per cell, in VTK's order of cells
+    (verts, lines, polys). The argument `names` describes a field array: its name, and its values (ASCII
+    strings).
     """
     appended = _Appended()
     data = "".join(appended.array(name, values) for name, values in cell_data.items())

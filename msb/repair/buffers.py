@@ -34,8 +34,8 @@ def carry(
     added face shares two corners with the adjacent face, and copies their values. The third corner of an
     added face gets the average of the two shared corners.
 
-    `domains` gives the domain of each buffer: "vertex", "face", "corner" or "global". `level` is the level of
-    DiffSoup's lattice, if the mesh has one.
+    The argument `domains` gives the domain of each buffer: "vertex", "face", "corner" or "global". The
+    argument `level` is the level of DiffSoup's lattice, if the mesh has one.
     """
     known = {**domains, "positions": "vertex", "indices": "face"}
     return {

@@ -233,8 +233,8 @@ class _Repair:
     def write(self, repaired: Asset | Mesh, after: Audit, left_out: Sequence[str]) -> Audit:
         """Write the repaired asset or mesh, and return the audit of the file.
 
-        `after` is the audit of the repaired mesh. `left_out` lists the parts of the input that the repaired
-        mesh does not contain.
+        The argument `after` is the audit of the repaired mesh. The argument `left_out` lists the parts of the
+        input that the repaired mesh does not contain.
         """
         from msb.api.command_files import write_mesh_files
         from msb.asset import Asset
@@ -275,8 +275,8 @@ class _Repair:
     def show(self, done: Repaired | Outcome, after: Audit, left: list[str], *, splits: bool) -> None:
         """Print the verdict and, unless --quiet, the steps, the remaining defects and the next command.
 
-        `splits` is true if the faces of the repaired mesh share vertices, but the file format stores them
-        separately.
+        The argument `splits` is true if the faces of the repaired mesh share vertices, but the file format
+        stores them separately.
         """
         from msb.api.auditing import next_command
         from msb.repair.plan import parse_plan

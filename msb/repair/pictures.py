@@ -91,7 +91,7 @@ def _draw_edges(
 ) -> None:
     """Draw the visible parts of the edges `ends` (n, 2, 3) into `image` (H, W, 3), in place.
 
-    `depth` (H, W) is the depth of the visible surface, 0 in the background.
+    The argument `depth` (H, W) is the depth of the visible surface, 0 in the background.
     """
     # Compute the length of each edge in pixels (n,). Skip edges with an end behind the camera or in its
     # plane.

@@ -89,9 +89,10 @@ class Step:
 class Outcome:
     """A repaired mesh: its buffers, the finished steps, and the origin of its rows.
 
-    `vertex_map` (V',) and `face_map` (F',) have the original row of each vertex and face, or -1 for added
-    rows. `turned` (F',) states for each face whether its second and third corner were swapped. `domains`
-    gives the domain of each buffer. If the repair changed the mesh, UVs are stored per corner.
+    The fields `vertex_map` (V',) and `face_map` (F',) have the original row of each vertex and face, or -1
+    for added rows. The field `turned` (F',) states for each face whether its second and third corner were
+    swapped. The field `domains` gives the domain of each buffer. If the repair changed the mesh, UVs are
+    stored per corner.
     """
 
     buffers: Buffers
@@ -118,8 +119,8 @@ class Outcome:
 class _State:
     """The state of the mesh after the steps that have run so far.
 
-    `buffers` is updated immediately only when a step adds rows. Changes without added rows are accumulated in
-    `pending`, and `flush` applies them.
+    The field `buffers` is updated immediately only when a step adds rows. Changes without added rows are
+    accumulated in `pending`, and `flush` applies them.
     """
 
     buffers: Buffers

@@ -23,9 +23,9 @@ T = TypeVar("T")
 class Components:
     """The edge-connected components of all faces without a repeated index.
 
-    `face_component` (F,) is the component of each face, or NONE for faces with a repeated index. `sizes`
-    (n,) holds the number of faces of each component, `areas` (n,) the area of each component in squared
-    length units.
+    The field `face_component` (F,) is the component of each face, or NONE for faces with a repeated index.
+    The field `sizes` (n,) has the number of faces of each component. The field `areas` (n,) has the areas in
+    squared length units.
     """
 
     face_component: NDArray[Any]

@@ -258,10 +258,10 @@ def audit_arrays(
 ) -> tuple[Audit, Analysis]:
     """Return the audit of plain arrays, and the analysis for viewers and exports.
 
-    `attributes` are the UVs and colours for which a file may duplicate vertices at seams;
-    `msb.topology.seams.seam_attributes` returns them. If `check_crossings` is true, the audit also tests
-    whether the bodies of a closed mesh cross. Kernels compute the audit of a large mesh. Parts of the
-    analysis are computed only on use.
+    The argument `attributes` contains the UVs and colours for which a file may duplicate vertices at seams.
+    The function `msb.topology.seams.seam_attributes` returns these attributes. If `check_crossings` is true,
+    the audit also tests whether the bodies of a closed mesh cross. Kernels compute the audit of a large mesh.
+    Parts of the analysis are computed only on use.
     """
     points, triangles = mesh_arrays(vertices, faces)
     findings, analysis = find_findings(points, triangles)

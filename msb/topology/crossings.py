@@ -82,10 +82,10 @@ def _find_near_pairs(
 ) -> Iterator[NDArray[np.int64]]:
     """Yield batches (n, 2) of overlapping boxes, each pair once with the lower number first.
 
-    `low` and `high` (F, 3) are opposite corners of the boxes. If `of` (F,) is given, at least one box of each
-    pair is marked in `of`. The boxes are the leaves of a binary tree in Morton order. The search walks from
-    pairs of nodes to pairs of their children (Karras, "Maximizing Parallelism in the Construction of BVHs,
-    Octrees, and k-d Trees", 2012).
+    The arguments `low` and `high` (F, 3) are opposite corners of the boxes. If `of` (F,) is given, at least
+    one box of each pair is marked in `of`. The boxes are the leaves of a binary tree in Morton order. The
+    search walks from pairs of nodes to pairs of their children (Karras, "Maximizing Parallelism in the
+    Construction of BVHs, Octrees, and k-d Trees", 2012).
     """
     count = len(low)
     if count < 2:

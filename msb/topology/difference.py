@@ -34,10 +34,10 @@ def find_difference(
 ) -> Difference:
     """Return the faces that were deleted or added and the edges that were cut.
 
-    `before` and `after` are vertices and faces returned by `mesh_arrays`. Corners are equal if their stored
-    coordinates are equal (`weld_vertices`). Vertex numbers, vertex order, duplicated vertices and the winding
-    of faces are ignored. If k of n coincident faces were deleted or added, the k faces with the highest
-    numbers are returned. The comparison takes O((V + F) log (V + F)) time.
+    The arguments `before` and `after` are vertices and faces returned by `mesh_arrays`. Corners are equal if
+    their stored coordinates are equal (`weld_vertices`). Vertex numbers, vertex order, duplicated vertices
+    and the winding of faces are ignored. If k of n coincident faces were deleted or added, the k faces with
+    the highest numbers are returned. The comparison takes O((V + F) log (V + F)) time.
     """
     # Number the positions of both meshes together. Describe each face by its sorted position numbers.
     _, place = merge_coincident(

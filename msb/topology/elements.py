@@ -22,9 +22,9 @@ class ElementGroup:
 class Elements:
     """A mesh with its faulty elements and its components.
 
-    `groups` are in the order vertices, edges, faces. The kinds of elements are keys of the audit's counts.
-    The number of an edge is its position among the sorted vertex pairs. `face_component` (F,) numbers
-    components by size, largest first; faces with a repeated index have -1.
+    The field `groups` is sorted in the order vertices, edges, faces. The kinds of elements are keys of the
+    audit's counts. The number of an edge is its position among the sorted vertex pairs. The field
+    `face_component` (F,) numbers components by size, the largest first. Faces with a repeated index have -1.
     """
 
     vertices: NDArray[Any]

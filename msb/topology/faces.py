@@ -65,9 +65,9 @@ def signed_volumes(vertices: NDArray[Any], faces: NDArray[Any]) -> NDArray[np.fl
 def sum_areas(area: NDArray[np.float64], group: NDArray[Any], groups: int) -> NDArray[np.float64]:
     """Return the area (groups,) of each group of faces, added in the order of the faces.
 
-    `area` (F,) is non-negative and `group` (F,) is the group of each face. Rounding is monotone. Adding in
-    face order guarantees that the area of a group never exceeds the area of all faces. If all other faces
-    have zero area, the area of the group equals the area of all faces.
+    The argument `area` (F,) must not be negative. The argument `group` (F,) is the group of each face.
+    Rounding is monotone. Adding in face order guarantees that the area of a group never exceeds the area of
+    all faces. If all other faces have zero area, the area of the group equals the area of all faces.
     """
     return np.bincount(group, weights=area, minlength=groups).astype(np.float64)
 

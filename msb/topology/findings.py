@@ -59,10 +59,10 @@ class Counts:
 class Findings:
     """The counts of a mesh, and the other results that the report needs.
 
-    Areas are in squared length units. Areas are added in face order, so both implementations give equal
-    sums. `shares_vertices` is true if two faces share a vertex. `first` lists the first edges, vertices and
-    faces of each count. The number of an edge is its position among the sorted vertex pairs. Comparisons
-    ignore `timings_ms` and `computed_by`.
+    Areas are in squared length units. Areas are added in face order, so both implementations give equal sums.
+    The field `shares_vertices` is true if two faces share a vertex. The field `first` lists the first edges,
+    vertices and faces of each count. The number of an edge is its position among the sorted vertex pairs.
+    Comparisons ignore `timings_ms` and `computed_by`.
     """
 
     counts: Counts

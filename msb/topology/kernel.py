@@ -73,9 +73,9 @@ def find_by_kernels(
 ) -> Findings:
     """Return the findings of the audit of floating `points` (V, 3) and int32 `faces` (F, 3).
 
-    The device must support double precision. `workers` is the number of work-items, by default one per
-    compute unit. The kernels take O(V + F) time if vertices have few faces, and O(V + F log F) for any
-    mesh. The kernels use about 45 bytes of device memory per face, which are released at the end.
+    The device must support double precision. The argument `workers` is the number of work-items, by default
+    one per compute unit. The kernels take O(V + F) time if vertices have few faces, and O(V + F log F) for
+    any mesh. The kernels use about 45 bytes of device memory per face, which are released at the end.
     """
     run = _Run(points, faces, device, workers or device.record.compute_units, sizes or Sizes())
     try:

@@ -84,8 +84,8 @@ def seam_attributes(
 ) -> dict[str, Any]:
     """Return the attributes of an asset for which files duplicate vertices: UVs, colours and seam keys.
 
-    Trained vertex attributes are not included, because their rows belong to the model, not to a file
-    format. `triangle_list` adds the entry TRIANGLE_LIST, for meshes that are not trained.
+    Trained vertex attributes are not included, because their rows belong to the model, not to a file format.
+    The argument `triangle_list` adds the entry TRIANGLE_LIST, for meshes that are not trained.
     """
     prefix = {"vertex": "", "corner": "corner_"}
     names = [name for name in ("uv", "color", SEAM_KEY) if domains.get(name) in prefix]
@@ -199,10 +199,10 @@ def _spread_to_corners(
 class _TornEdges:
     """The boundary edges that are torn by seams.
 
-    `pairs` (n, 2) are the vertex rows to merge; `faces` is the number of faces with a torn edge.
-    `equal_edges` is true if two coincident boundary edges have equal attributes at both ends. `some_by_key`
-    is true if some torn edges differ only in attributes that are not read (their seam keys). `all_by_key`
-    is true if all torn edges differ only in their seam keys.
+    The field `pairs` (n, 2) contains the vertex rows to merge. The field `faces` is the number of faces with
+    a torn edge. The field `equal_edges` is true if two coincident boundary edges have equal attributes at
+    both ends. The field `some_by_key` is true if some torn edges differ only in attributes that are not read
+    (their seam keys). The field `all_by_key` is true if all torn edges differ only in their seam keys.
     """
 
     pairs: NDArray[np.int64]
@@ -221,9 +221,10 @@ def _find_torn_edges(
 ) -> _TornEdges:
     """Find the boundary edges that are torn by seams.
 
-    `faces` (F, 3) must be all faces with a duplicated vertex and without a repeated index. `place` (V,) is
-    the first vertex with equal coordinates. `double` (V,) tells whether another vertex has equal
-    coordinates. Each array of `corner_values` holds an attribute (3F, k) at the corners of `faces`.
+    The argument `faces` (F, 3) must be all faces with a duplicated vertex and without a repeated index. The
+    argument `place` (V,) is the first vertex with equal coordinates. The argument `double` (V,) tells whether
+    another vertex has equal coordinates. Each array of `corner_values` holds an attribute (3F, k) at the
+    corners of `faces`.
     """
     corners = np.arange(faces.size).reshape(-1, 3)
     ends, ends_at = (
@@ -276,8 +277,8 @@ def _find_folds(
 ) -> NDArray[np.bool_]:
     """Return a mask (E,) of the edges whose two faces fold onto each other, such as the two sides of a sheet.
 
-    The columns of `face` (E, 2) hold the faces of each edge. `other` (E,) is the edge with which each edge is
-    compared.
+    The columns of `face` (E, 2) hold the faces of each edge. The argument `other` (E,) is the edge with which
+    each edge is compared.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         corners = points[faces].astype(np.float64)
@@ -312,9 +313,9 @@ class Merged:
 def audit_merged(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) -> Merged | None:
     """Return the counts after the weld that closes an open mesh.
 
-    Return None for more than `MOST_FACES` faces. `findings` describe the mesh as it is stored. An exact weld
-    is tried first. If it does not close the mesh, vertices of boundary edges that differ by rounding are
-    merged. The result is also None if no vertices differ only by rounding.
+    Return None for more than `MOST_FACES` faces. The argument `findings` describes the mesh as it is stored.
+    An exact weld is tried first. If it does not close the mesh, vertices of boundary edges that differ by
+    rounding are merged. The result is also None if no vertices differ only by rounding.
     """
     counts = findings.counts
     if not counts.boundary_edges or counts.faces > MOST_FACES:

@@ -85,8 +85,8 @@ def find_inside_out(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return which closed bodies (n,) are wound inside out, and which are flat.
 
-    `label` (F,) is the body of each face. A body of negative volume inside the bounding box of a larger body
-    of positive volume is a cavity.
+    The argument `label` (F,) is the body of each face. A body of negative volume inside the bounding box of a
+    larger body of positive volume is a cavity.
     """
     if not len(faces):
         return np.zeros(0, bool), np.zeros(0, bool)

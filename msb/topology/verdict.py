@@ -313,8 +313,9 @@ def _describe_flips(audit: Audit) -> str:
 class _Fault:
     """A kind of fault in a mesh.
 
-    `describe` returns a clause with the extent of the fault, or "" for a mesh without this fault. `tasks`
-    returns a clause with the tasks that the mesh is usable for if this fault is the gravest.
+    The field `describe` returns a clause with the extent of the fault, or "" for a mesh without this fault.
+    The field `tasks` returns a clause with the tasks that the mesh is usable for if this fault is the
+    gravest.
     """
 
     level: Level

@@ -27,7 +27,10 @@ from msb.trial.task import Attempt, AttemptResult, Output, Task
 def run_attempt(
     task: Task, attempt: Attempt, mesh: TrialMesh, arrays: Mapping[str, NDArray[Any]], limits: Limits
 ) -> AttemptResult:
-    """Run an attempt at a task and return its result. `arrays` are the result of `Task.prepare`."""
+    """Run an attempt at a task and return its result.
+
+    The argument `arrays` contains the result of `Task.prepare`.
+    """
     unit = Unit(1.0, np.zeros(3)) if attempt.any_unit else Unit.of(mesh)
     inputs = _pack({"mesh": unit.to_unit(mesh)}, unit.arrays_to_unit(arrays))
     reply = run_in_child(work, f"{task.name} {attempt.library}", inputs, limits)
@@ -104,8 +107,8 @@ class Unit:
     def from_unit(self, output: Output, powers: Mapping[str, int]) -> Output:
         """Convert an output from this coordinate system to the asset's coordinates.
 
-        `powers` has the dimension of numbers: 1 for lengths, 2 for areas, and 3 for volumes. Numbers without
-        an entry stay unchanged.
+        The argument `powers` has the dimension of numbers: 1 for lengths, 2 for areas, and 3 for volumes.
+        Numbers without an entry stay unchanged.
         """
         numbers = {
             name: value * self.length ** powers[name] if name in powers and value is not None else value

@@ -62,7 +62,7 @@ class TrialMesh:
     def unshared(self, colors: NDArray[np.float32]) -> TrialMesh:
         """Return a triangle soup with three vertices per face.
 
-        `colors` (3F, 3) are the vertex colours of the soup.
+        The argument `colors` (3F, 3) contains the vertex colours of the soup.
         """
         corners = self.faces.reshape(-1)
         faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
@@ -77,7 +77,8 @@ class TrialMesh:
     def of(cls, name: str, arrays: Mapping[str, NDArray[Any]]) -> TrialMesh:
         """Check the types and shapes of arrays from a library, and return them as a mesh.
 
-        Raise ValueError if the arrays are invalid. `name` is the name of the mesh in the error message.
+        Raise ValueError if the arrays are invalid. The argument `name` is the name of the mesh in the error
+        message.
         """
         checked: dict[str, Any] = {}
         for key, width, kind in (

@@ -36,8 +36,8 @@ class Renderings:
     """Renderings of the original mesh by all cameras, and comparisons of results with these renderings.
 
     Results cannot be compared without an OpenCL device, if no camera sees the mesh, or if the mesh covers too
-    few pixels. In these cases, `why_not` is the reason, and all methods return None or an empty result.
-    `blind_cameras` is the number of cameras that do not see the mesh and are ignored.
+    few pixels. In these cases, `why_not` is the reason, and all methods return None or an empty result. The
+    field `blind_cameras` is the number of cameras that do not see the mesh and are ignored.
     """
 
     def __init__(self, mesh: TrialMesh, views: ChosenViews, device: str | None = None) -> None:

@@ -79,10 +79,11 @@ class Trial:
 class Trials:
     """The results of all tasks on a mesh.
 
-    `mesh` has the numbers of vertices and faces, the distance of merged vertices ("weld"), the repair plan,
-    and the SHA-256 hash of the mesh. `cameras` has the number of cameras ("count"), their origin ("from"),
-    and their description ("views"). The origin is "given", "training", "turntable" or "inside". "see_nothing"
-    is the number of cameras that do not see the mesh. If nothing was rendered, "no_pictures" is the reason.
+    The field `mesh` has the numbers of vertices and faces, the distance of merged vertices ("weld"), the
+    repair plan, and the SHA-256 hash of the mesh. The field `cameras` has the number of cameras ("count"),
+    their origin ("from"), and their description ("views"). The origin is "given", "training", "turntable" or
+    "inside". "see_nothing" is the number of cameras that do not see the mesh. If nothing was rendered,
+    "no_pictures" is the reason.
     """
 
     path: str | None
@@ -177,10 +178,10 @@ def try_asset(
 ) -> Trials:
     """Try tasks on an asset; see `trial` for the other parameters.
 
-    `view_kind` is the argument `kind` of `msb.views.choose_views` for generated views.
+    The argument `view_kind` selects the kind of generated views, as in `msb.views.choose_views`.
 
-    `keep` is the folder for results. An image of each task is saved in this folder, and with `meshes` also
-    the results as GLB files. `watch` is called with the result of each task.
+    The argument `keep` is the folder for results. An image of each task is saved in this folder, and with
+    `meshes` also the results as GLB files. The argument `watch` is called with the result of each task.
     """
     selected = select_tasks(tasks)
     limits = Limits() if limits is None else limits

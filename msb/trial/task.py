@@ -60,8 +60,8 @@ class Attempt:
 class AttemptResult:
     """The result of an attempt: its output, or the reason of its failure.
 
-    `ended_by` is the reason why the process was stopped, if it was stopped. `seconds` is the time of the
-    library, or None if the library did not run.
+    The field `ended_by` is the reason why the process was stopped, if it was stopped. The field `seconds` is
+    the time of the library, or None if the library did not run.
     """
 
     output: Output | None
@@ -150,7 +150,8 @@ def pick_worst(outcomes: Iterable[Outcome]) -> Outcome:
 def grade(value: float | None, works: float, care: float) -> Outcome:
     """Return the outcome for a value that should be small.
 
-    `works` and `care` are the largest values that give these outcomes. The value None counts as "works".
+    The arguments `works` and `care` are the largest values that give these outcomes. The value None counts as
+    "works".
     """
     if value is None or value <= works:
         return "works"

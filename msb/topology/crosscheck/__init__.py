@@ -33,8 +33,8 @@ class Comparison:
     """A number from our audit, and the corresponding number from a peer library.
 
     If the numbers agree, `why` is empty. If the numbers differ, `why` explains the difference between the
-    definitions, or names the expected number. `call` names the function of the peer. A disagreement is a
-    difference that the definitions cannot explain. A disagreement is a bug in the peer or in our audit.
+    definitions, or names the expected number. The field `call` names the function of the peer. A disagreement
+    is a difference that the definitions cannot explain. A disagreement is a bug in the peer or in our audit.
     """
 
     peer: str
@@ -64,8 +64,8 @@ def cross_check(
 ) -> CrossCheck:
     """Measure a mesh with every installed peer, and compare the answers with our audit.
 
-    `report` and `analysis` are the results of `audit_arrays` for the same arrays. Each peer may run for
-    `timeout` seconds. The default time limit is 60 seconds, plus 60 seconds per million faces.
+    The arguments `report` and `analysis` are the results of `audit_arrays` for the same arrays. Each peer may
+    run for `timeout` seconds. The default time limit is 60 seconds, plus 60 seconds per million faces.
     """
     points, triangles = mesh_arrays(vertices, faces)
     installed = [peer for peer in PEERS if is_installed(PEERS[peer].module)]

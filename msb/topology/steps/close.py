@@ -186,7 +186,7 @@ def _cap_quadrangles(
 def _cap_with_middles(rim: _RimEdges, wanted: NDArray[np.bool_], vertex_count: int) -> tuple[Cap, Rims]:
     """Return the faces between each boundary edge and a new vertex, and the rims of the new vertices.
 
-    `wanted` (n,) marks the loops to close. New vertices are numbered from `vertex_count` on.
+    The argument `wanted` (n,) marks the loops to close. New vertices are numbered from `vertex_count` on.
     """
     inside = np.flatnonzero(wanted[rim.loop])
     inside = inside[np.argsort(rim.loop[inside], kind="stable")]

@@ -49,7 +49,8 @@ def split_vertices(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any]
 def cut_edges(faces: NDArray[Any], vertex_map: NDArray[Any]) -> NDArray[Any]:
     """Return the old end vertices (n, 2) of the old edges that became several edges in `faces`.
 
-    `vertex_map` gives the old vertex of each new vertex; edges with an added vertex (NONE) are ignored.
+    The argument `vertex_map` gives the old vertex of each new vertex. Edges with an added vertex (NONE) are
+    ignored.
     """
     mesh = build_half_edges(faces, len(vertex_map))
     ends = np.sort(vertex_map[mesh.edge_vertices], axis=1)

@@ -97,7 +97,7 @@ def _take_first_in_line(
 ) -> NDArray[Any]:
     """At each edge, select the first ``room[edge]`` faces. Return the selected pairs (face, edge).
 
-    `line` lists faces in order of preference.
+    The argument `line` lists faces in order of preference.
     """
     place = np.zeros(face_count, np.int64)
     place[line] = np.arange(len(line))

@@ -57,7 +57,7 @@ def _find_loops_to_cut(
 ) -> list[NDArray[Any]]:
     """Return the shortest necessary loops of each one-sided component as numbers of two-face edges.
 
-    `first` and `second` are the half-edges (E2,) of the two-face edges.
+    The arguments `first` and `second` are the half-edges (E2,) of the two-face edges.
     """
     differ = mesh.origin[first] == mesh.origin[second]
     face, beyond = face_of(first), face_of(second)
@@ -122,8 +122,8 @@ class _Level:
     """The sorted states `place` (n,) that a breadth-first search reaches after some number of steps.
 
     A search state is one number for three values: a start, a node, and the parity of the odd steps between
-    the start and the node. `before` is the row of the previous search state in the previous level. `step` is
-    the step from the previous state to this state.
+    the start and the node. The field `before` is the row of the previous search state in the previous level.
+    The field `step` is the step from the previous state to this state.
     """
 
     place: NDArray[np.int64]

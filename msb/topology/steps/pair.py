@@ -129,10 +129,10 @@ def _measure_color_distances(colors: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def _choose_cheapest(table: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[np.float64]]:
-    """Return greedily chosen pairs (n, k // 2, 2) and the costs of these pairs. If costs are equal, the
-    first pair wins.
+    """Return greedily chosen pairs (n, k // 2, 2) and the costs of these pairs.
 
-    `table` (n, k, k) holds the costs of all pairs of the k faces at each of n edges.
+    If costs are equal, the first pair wins. The argument `table` (n, k, k) holds the costs of all pairs of
+    the k faces at each of n edges.
     """
     count, size, _ = table.shape
     first, second = np.triu_indices(size, 1)

@@ -107,9 +107,9 @@ def measure_gap_area(
     edges coincide, the first edge is compared with all others. The crack between two edges consists of four
     triangles between the halves of the edges.
 
-    `vertices` (V, 3) and `cut` (F, 3) are the vertices and faces of the cut mesh before the subdivision.
-    `points` (W, 3) and `fine` (4F, 3) are the vertices and faces of the subdivided mesh. `points` start with
-    the vertices of the cut mesh, in their smoothed places.
+    The arguments `vertices` (V, 3) and `cut` (F, 3) are the vertices and faces of the cut mesh before the
+    subdivision. The arguments `points` (W, 3) and `fine` (4F, 3) are the vertices and faces of the subdivided
+    mesh. The argument `points` starts with the vertices of the cut mesh, in their smoothed places.
     """
     _, place = merge_coincident(vertices, "exact")
     # The edges (E,) of the cut mesh. `place` (V,) numbers the distinct locations; edges start at the lower
