@@ -55,8 +55,8 @@ PROFILES: dict[Profile, tuple[str, ...]] = {
         "duplicate_faces>0",
         "repeated_index_faces>0",
     ),
-    # The mesh must be connected at least as well as the average of MeshSplatting over the paper's scenes
-    # (Table mesh_connectivity).
+    # The mesh must be connected at least as well as the paper's average of MeshSplatting (Table
+    # mesh_connectivity).
     "research": (
         "nonfinite_faces>0",
         "boundary_edge_ratio>0.45",

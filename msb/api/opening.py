@@ -195,9 +195,9 @@ def _store(mesh: Mesh, path: Path | None) -> StoredMesh:
 def stored_object(given: object) -> StoredMesh:
     """Return the mesh of an object with arrays: a `Mesh`, a pair, or an object of another library.
 
-    A pair is a tuple or list (vertices, faces). An object of another library must have the attributes
-    `vertices` and `faces`, as in trimesh, or be a PolyData of pyvista. The method `triangulate` of a PolyData
-    splits its polygons.
+    A pair is a tuple or list (vertices, faces). An object of another library can be a PolyData of pyvista.
+    Otherwise it needs the attributes `vertices` and `faces`, as in trimesh. The method `triangulate` of a
+    PolyData splits its polygons.
 
     Raises
     ------

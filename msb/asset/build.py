@@ -151,9 +151,9 @@ def build_asset(
 def measure_bounds(positions: NDArray[np.float32]) -> tuple[Bounds, BoundingSphere]:
     """Return the bounding box and a bounding sphere of the finite rows of `positions` (V, 3).
 
-    At least one row must be finite. The sphere has the centre of the bounding box, and at most sqrt(3)
-    times the radius of the smallest sphere. The result does not depend on the order of the points. The
-    function takes O(V) time and O(1) memory.
+    At least one row must be finite. The sphere has the centre of the bounding box. Its radius is at most
+    sqrt(3) times the radius of the smallest sphere. The result does not depend on the order of the points.
+    The function takes O(V) time and O(1) memory.
     """
     # First pass: compute the bounding box. Second pass: compute the largest distance of a vertex from the
     # centre of the box.
@@ -217,7 +217,10 @@ def _topology(positions: NDArray[np.float32], indices: NDArray[np.uint32]) -> To
 
 
 def first_shared(indices: NDArray[np.uint32]) -> int | None:
-    """Return the first corner i (0 to 3 F - 1) whose vertex index is not i, or None for a triangle soup."""
+    """Return the first corner i (0 to 3 F - 1) whose vertex index is not i.
+
+    Return None for a triangle soup.
+    """
     for start in range(0, len(indices), CHUNK_ROWS):
         rows = indices[start : start + CHUNK_ROWS].ravel()
         wrong = rows != np.arange(3 * start, 3 * start + rows.size, dtype=np.uint64)

@@ -24,8 +24,8 @@ MAJOR = 1
 MINOR = 2
 ASSET_SUFFIX = ".triasset"
 MANIFEST_NAME = "manifest.json"
-# Alignment of buffers in bytes; 64 bytes are a cache line, and the strictest alignment that GPUs require of
-# host pointers.
+# Alignment of buffers in bytes. 64 bytes are the size of a cache line, and the strictest alignment that GPUs
+# require of host pointers.
 ALIGNMENT = 64
 
 Topology = Literal["triangle_soup", "indexed_mesh"]

@@ -1,11 +1,11 @@
 """A strict reader of ZIP files with stored (uncompressed) members: `.triasset` files and checkpoints of
 torch.
 
-The file has the local headers with their data, from byte 0 and without gaps; then the central directory and
-the end record. The standard library tolerates duplicate names, data before or between members, and
-contradictory headers. Therefore this reader rejects a file in which different readers would find different
-content. A `Policy` describes the differences between assets and checkpoints. Record layouts: PKWARE APPNOTE
-6.3.10, sections 4.3.7, 4.3.9, 4.3.12, 4.3.14 to 4.3.16, 4.4.4 and 4.5.3.
+The file begins with the local headers and their data, without gaps. The central directory and the end record
+follow. The standard library tolerates duplicate names, data before or between members, and contradictory
+headers. Therefore this reader rejects a file in which different readers would find different content. A
+`Policy` describes the differences between assets and checkpoints. Record layouts: PKWARE APPNOTE 6.3.10,
+sections 4.3.7, 4.3.9, 4.3.12, 4.3.14 to 4.3.16, 4.4.4 and 4.5.3.
 """
 
 import struct
@@ -56,7 +56,7 @@ class Policy:
 
     max_members: int
     # Whether the archive may have the form that torch writes. In such an archive, sizes and checksums may
-    # follow the data, and local headers may repeat the ZIP64 record of the central directory.
+    # follow the data. Local headers may repeat the ZIP64 record of the central directory.
     descriptors = False
 
     def refuse(self, code: str, message: str, at: int) -> NoReturn:  # pragma: no cover

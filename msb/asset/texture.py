@@ -240,7 +240,7 @@ def _find_covered(
     if size == 2 * half:
         shares: list[NDArray[Any]] = [np.full(len(rows), 0.5)] * 2
     else:
-        # If the size is odd (2 half + 1), a new texel covers one old texel completely, and its two neighbours
+        # If the size is odd (2 half + 1), a new texel covers one old texel completely and two neighbours
         # partly.
         shares = [(half - rows) / size, np.full(len(rows), half / size), (rows + 1) / size]
     return [(2 * rows + offset, share.astype(np.float32)) for offset, share in enumerate(shares)]

@@ -203,10 +203,10 @@ def _check_color(color: NDArray[np.float32]) -> Iterator[Finding]:
 
 
 def _count(array: NDArray[Any], test: Any) -> tuple[int, int]:
-    """Return the number of elements for which `test` is true, and the index of the first such element or -1.
+    """Return the number of elements for which `test` is true.
 
-    The argument `test` takes a chunk of `array` and returns a mask. If the mask has one value per row, the
-    function counts rows.
+    Also return the index of the first such element, or -1. The argument `test` takes a chunk of `array` and
+    returns a mask. If the mask has one value per row, the function counts rows.
     """
     total, first = 0, -1
     for start in range(0, len(array), CHUNK_ROWS):

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 # Texture cells of a triangle soup.
 #
 # Number of smaller mip levels in which no texel mixes the colours of two faces. A second level doubles the
-# margins around the faces. The second number is used if the first number would shrink the faces below
-# `_MIN_SCALE` of their requested side lengths.
+# margins around the faces. If the first number would shrink the faces below `_MIN_SCALE` of their requested
+# side lengths, the second number is used.
 MIP_LEVELS = (2, 1)
 _MIN_SCALE = 0.7
 # Both legs of a face are shortened by this number of texels. Rounding to float32 then cannot move a corner
@@ -60,7 +60,7 @@ class _Cells(NamedTuple):
 
     # (C, 2) width and height of each cell.
     sides: Ints
-    # (F, 2) the lengths of the legs of each face; 0 for a face that is a point at the centre of a texel.
+    # (F, 2) the lengths of the legs of each face. A face that is only a point has the length 0.
     legs: Ints
     # (F,) the index of the cell that holds each face.
     cell: Ints
@@ -91,7 +91,8 @@ def make_soup_atlas(corners: NDArray[Any], pixels: Floats, size: int) -> Singles
     """
     points = corners.astype(np.float64)
     sides = np.linalg.norm(points[:, [1, 2, 0]] - points[:, [2, 0, 1]], axis=2)
-    # The right angle is at the corner across from the longest side, and the longer leg lies along a row.
+    # The right angle is at the corner across from the longest side. The longer leg lies along a row of
+    # texels.
     order = np.argsort(-sides, axis=1, kind="stable")[:, [0, 2, 1]]
     # Legs (F, 2) in texels. The product of the two legs is twice the number of pixels, and their ratio is
     # limited.
@@ -112,8 +113,8 @@ def make_soup_atlas(corners: NDArray[Any], pixels: Floats, size: int) -> Singles
 
 
 def _pack(legs: Floats, blocks: int, block: int) -> tuple[float, _Cells, Ints | None]:
-    """Return the largest scale at which the cells of the faces fit into the texture, the cells, and their
-    places (C, 2).
+    """Return the largest possible scale of the faces in the texture, their cells, and the places (C, 2) of
+    the cells.
 
     The scale is at most 1. The places are None if no scale fits.
     """
@@ -278,7 +279,7 @@ def _merge_charts(arrays: Arrays, plane: Floats, faces: Ints, chart: Ints) -> tu
     # Merge corners with the same vertex and the same place in a chart into one vertex of the chart.
     keys = np.column_stack([np.repeat(face_chart, 3), whole.reshape(-1), corners.reshape(-1, 2)])
     rows, joined = np.unique(keys, axis=0, return_inverse=True)
-    # Number the charts without gaps.
+    # Renumber the charts consecutively.
     numbers = np.unique(rows[:, 0], return_inverse=True)[1]
     return (
         np.ascontiguousarray(rows[:, 2:]),

@@ -21,8 +21,8 @@ _SELECTION_PIXELS = 1 << 17
 # If faces cover fewer pixels than this in an average view, the selection uses images with four times the
 # pixels. With the larger images, the fit of a garden scene with small faces reaches 21.8 dB.
 FINE_PIXELS = 4.0
-# If faces cover fewer pixels than this in an average view, no face is selected or moved, because sampling
-# noise would decide.
+# If faces cover fewer pixels than this in an average view, no face is selected or moved. Sampling noise would
+# determine the result.
 MIN_FACE_PIXELS = 2.0
 
 
@@ -41,7 +41,7 @@ def make_kept(asset: Asset, context: SearchContext, weights: BlendingWeights | N
     opaque = to_opaque_mesh(asset)
     soup = Soup.from_mesh(opaque, share_colors=True)
     mesh = None if soup.shared is None else opaque
-    del opaque  # A soup of millions of faces takes much memory and is not needed any more.
+    del opaque  # Free the soup, because millions of faces take much memory.
     if not context.shows_model_mesh:
         context.progress("choosing faces", 0, _ROUNDS)
         with limit_for_selection(context, soup.selected_count).open_renderers(soup) as renderers:

@@ -38,8 +38,8 @@ from msb.errors import AssetError
 from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
 
-# Default face budget of an object. With a budget of this size, the demo surfaces are at most 0.9 dB worse
-# than native renderings, compared with photographs.
+# Default face budget of an object. With this budget, the PSNR of the demo surfaces to photographs is at most
+# 0.9 dB below native renderings.
 OBJECT_FACES = 8_000
 # Smallest and largest default face budget of a scene. Between these two limits, the face budget is one face
 # per 2 pixels of a view. A larger face budget makes each step slower.
@@ -48,10 +48,10 @@ _PIXELS_PER_FACE = 2
 # Number of cells along the longest side of the first grid. Grids with half and twice as many cells are tried
 # as well.
 CELLS = 144
-# The coarsest grid that is tried has this number of cells along its longest side, which is 144 / 8.
+# The coarsest grid has 144 / 8 cells along its longest side.
 _MIN_CELLS = 18
-# A grid of 288 cells per side is only tried if 144 cells have less than 75 % of the error of 72 cells. For
-# other soups, the finer grid follows the noise of the soup, and moving vertices does not remove this noise.
+# A grid of 288 cells per side is tried if the error with 144 cells is below 75 % of the error with 72 cells.
+# Otherwise the finer grid would follow the noise of the soup. Moving vertices does not remove this noise.
 # With an uneven soup, a grid of 288 cells lost up to 8 dB. Grids below this error ratio gain up to 1.4 dB.
 _MAX_ERROR_RATIO = 0.75
 # If the time limit for moving vertices is below this value, only one grid is tried. For a scene, further
@@ -62,14 +62,14 @@ _BUDGET_TOLERANCE = 1.25
 # Up to this face budget, a reduction in two steps is tried as well, because it preserves thin parts. With a
 # larger budget the reduction in two steps is rarely better.
 _TWO_STEP_FACES = 4_000
-# The error of a search state is multiplied by this power of its relative bending, which is 1 at the start. So
-# a surface with 10 % more bending must have a PSNR gain of 0.2 dB.
+# The error of a search state is multiplied by this power of its bending, divided by the bending at the start.
+# So a surface with 10 % more bending must have a PSNR gain of 0.2 dB.
 _BENDING_POWER = 0.5
-# These values apply to a surface from a model's own depths: rounds of smoothing before the face reduction,
-# and steps that move the vertices. Fairing and more steps cost detail, such as the features of a face, and up
-# to 0.4 dB.
+# These values apply to a surface from a model's own depths. They are the rounds of smoothing before the face
+# reduction, and the steps that move the vertices. Fairing and more steps cost detail, such as the features of
+# a face, and up to 0.4 dB.
 _SMOOTH_TURNS, _OWN_DEPTH_STEPS = 10, 1
-# A part that covers less than this share of the pixels of all views is a speck and is removed.
+# A part is removed as a speck if it covers less than this share of the pixels of all views.
 MIN_PART_SHARE = 1e-4
 
 
@@ -316,8 +316,8 @@ def _reduce(surface: ClosedSurface, budget: int, context: SearchContext) -> Redu
 
     In the first surface, unseen parts are made coarse before the reduction. The second surface is best unless
     coarse parts cut through visible parts of the surface. In the second surface, unseen parts are not made
-    coarse. With a small budget, a third surface is reduced to twice as many faces, its thin parts are
-    repaired, and it is reduced again.
+    coarse. With a small budget, a third surface is made. It is reduced to twice as many faces, its thin parts
+    are repaired, and it is reduced again.
     """
     budget, original_faces = max(budget, MIN_CLOSED_FACES), len(surface.faces)
     cameras, space = context.training.cameras, surface.space

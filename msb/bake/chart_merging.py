@@ -19,16 +19,16 @@ from msb.topology.faces import face_vectors
 
 # Charts with fewer faces than this are merged into larger charts.
 MIN_CHART_FACES = 50
-# An unfolded corner is moved to the place of the same vertex in the chart if their distance is below this
-# share of the shared edge. An unfolded corner at a larger distance becomes a seam.
+# An unfolded corner may lie near the place of the same vertex in the chart. It moves to this place if the
+# distance is below this share of the shared edge. An unfolded corner at a larger distance becomes a seam.
 _SNAP = 0.3
 # An unfolded face is tried with these heights above the shared edge, relative to its true height. The last
 # heights in the list are for faces in a gap of a chart, where the surface has a spike.
 _HEIGHTS = (1.0, 0.8, 0.6, 0.3, 0.1)
-# Faces are shrunk to this size about their centres for overlap tests, so that faces with a shared edge do not
+# For overlap tests, faces are shrunk to this size about their centres. Faces with a shared edge then do not
 # overlap.
 _SHRINK = 0.97
-# Smallest and largest ratio of the area of a face in the plane to its area on the surface, relative to the
+# Limits of the area of a face in the plane, divided by its area on the surface. The ratio is relative to the
 # average of all charts.
 _STRETCH = 0.05, 2.0
 
@@ -123,7 +123,8 @@ class _Merging:
         square = float(side @ side)
         if square == 0:
             return False
-        # Coordinates of c relative to the edge: x along the edge, y across it, on the side away from `host`.
+        # Compute the coordinates of c relative to the edge. The x axis lies along the edge, and the y axis
+        # points away from `host`.
         x = float(away @ side) / square
         y = float(np.sqrt(max(away @ away / square - x * x, 0)))
         across = np.array([-along[1], along[0]])

@@ -37,8 +37,8 @@ _MIN_VOTE = 0.002
 _AGGRESSIVENESS, _HIGH_AGGRESSIVENESS = 5, 7
 # Two vertices are merged if the number of pixels that they cover together is below both limits. The limit
 # `_MAX_MERGED_PIXELS` is in pixels of an average view. The limit `_MAX_MERGED_SHARE` is relative to the
-# pixels of an average vertex after the reduction. With these limits on merging, unseen parts of a walled
-# scene have 10 % of the faces instead of 43 %, and PSNR rises by 0.3 dB.
+# pixels of an average vertex after the reduction. With these limits, unseen parts of a walled scene have 10 %
+# of the faces instead of 43 %, and PSNR rises by 0.3 dB.
 _MAX_MERGED_PIXELS, _MAX_MERGED_SHARE = 2.0, 0.1
 # Vertices are only merged along edges that a reduction to this share of the face budget collapses. This
 # limits how coarse unseen parts become.
@@ -68,7 +68,7 @@ _SMOOTH_ROUNDS, _WIDEN_ROUNDS = 32, 8
 _REVERT_ROUNDS = 60
 # Largest number of rounds that cut out faces that still cross and close the holes.
 _CUT_ROUNDS = 6
-# If two vertices coincide, one of them moves by this share of the way to the average centre of its faces. A
+# If two vertices coincide, one vertex moves by this share of the way to the average centre of its faces. A
 # move of this size is invisible, but larger than the rounding error of float32.
 _SEPARATION = 1e-3
 
@@ -147,7 +147,7 @@ def coarsen_unseen(
     """
     if len(faces) <= count:
         return points, faces
-    # Edges (n, 2) in the order of their collapse: the vertex that stays, then the vertex that is removed.
+    # Collapsed edges (n, 2) in order. Each edge names the vertex that stays and the vertex that is removed.
     placed = _to_logarithm(points) if space.contracted else points
     target = max(int(count * _COARSEST_SHARE), MIN_CLOSED_FACES)
     *_, collapses = _collapse_edges(placed, faces, target, _AGGRESSIVENESS)
@@ -350,8 +350,8 @@ def make_neighbour_average(faces: Ints, count: int) -> csr_matrix:
 def separate_vertices(mesh: Mesh) -> Mesh:
     """Return `mesh` with no two vertices at one place.
 
-    Files store the vertices of a seam twice, and readers merge all vertices with equal coordinates. Only the
-    first vertex at a place stays; every further vertex moves slightly towards the average centre of its
+    Files store the vertices of a seam twice, and readers merge all vertices with equal coordinates. The first
+    vertex at a place stays. Every other vertex at this place moves slightly towards the average centre of its
     faces.
     """
     vertices, corners = mesh.vertices.copy(), mesh.faces.reshape(-1)

@@ -39,8 +39,8 @@ from msb.topology.weld import weld_vertices
 SECONDS = 20.0
 # A part of a shape protrudes if its distance from the visible surface exceeds this value.
 PROTRUSION = 0.02
-# An unseen side of an enclosure is moved to this distance from the mesh, if the side is at most `2 *
-# PROTRUSION` away. These sides do not count as protruding.
+# An unseen side of an enclosure moves to this distance from the mesh. Only sides within `2 * PROTRUSION` of
+# the mesh are moved. These sides do not count as protruding.
 _NEAR = PROTRUSION / 2
 
 # Parameters of the enclosure of an open mesh.
@@ -238,11 +238,11 @@ def _find_visible(
 
 
 def _normalize(mesh: Mesh, visible: Floats) -> tuple[Floats, Ints, Floats, float]:
-    """Return the points and faces of the mesh relative to an origin and a unit, the origin, and the unit.
+    """Return the points and faces of the mesh relative to an origin, in a unit of length.
 
-    The origin is the centre of the visible points (n, 3), and the unit is the diagonal of their box. Without
-    visible points all points of the mesh are used. In an open mesh, vertices with equal positions are merged,
-    because they may only differ in colour.
+    Also return the origin and the unit. The origin is the centre of the visible points (n, 3), and the unit
+    is the diagonal of their box. Without visible points all points of the mesh are used. In an open mesh,
+    vertices with equal positions are merged, because they may only differ in colour.
     """
     if not len(mesh.faces):
         raise MeshError("MESH_ARRAY", "the mesh has no faces, so no collision shape can be made")
@@ -263,7 +263,10 @@ def _normalize(mesh: Mesh, visible: Floats) -> tuple[Floats, Ints, Floats, float
 
 
 def _enclose(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> PointsAndFaces:
-    """Return the enclosure of the visible parts of a mesh in world coordinates; it may be empty."""
+    """Return the enclosure of the visible parts of a mesh in world coordinates.
+
+    The enclosure may have no faces.
+    """
     need_enclosure()
     try:
         points, faces, space = enclose(mesh, cameras, _CELLS, _MARGIN, device=device)

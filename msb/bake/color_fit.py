@@ -1,10 +1,10 @@
 """Fit static colours by least squares, so that opaque faces match images best.
 
 Let w be the barycentric weights of a face's corners at a pixel, and t the colour of the image there. The
-corner colours c minimise the sum of (w . c - t)^2 over the pixels that show the face. For a soup, least
-squares give a 3 x 3 system per face; for a connected mesh, they give one sparse system for all vertices. Two
-small terms are added to the sum: differences along edges, and the distance to the previous colours. Two terms
-keep corners with few or no pixels near their previous colours.
+corner colours c minimise the sum of (w . c - t)^2 over the pixels that show the face. A soup needs one 3 x 3
+system per face. A connected mesh needs one sparse system for all vertices. Two small terms are added to the
+sum: differences along edges, and the distance to the previous colours. Two terms keep corners with few or no
+pixels near their previous colours.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _CHUNK = 1 << 16
 
 
 def split_sums(sums: Singles) -> tuple[Floats, Floats]:
-    """Return the sums of w w^T (F, 3, 3) and of w t^T (F, 3, 3) that are stored in `sums` (F, 15).
+    """Return the sums of w w^T (F, 3, 3) and of w t^T (F, 3, 3) from `sums` (F, 15).
 
     The sums have one row per corner.
     """

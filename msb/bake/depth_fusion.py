@@ -32,21 +32,21 @@ REACH, BEHIND = 3.0, 1.5
 # The surface is moved outwards by this number of cells, so that thin sheets and stems become solids that the
 # grid can resolve. `pull_in` moves the surface back where the solid is thick.
 THICKNESS = 1.0
-# Smallest ratio between the number of views that see a cell and the number of views that do not see it. With
-# a smaller ratio the cell counts as solid, because the few views that see the cell probably look through a
-# hole in the soup.
+# Smallest ratio of the number of views that see a cell to the number of views that do not see the cell. Below
+# this ratio, the cell counts as solid. The few views that see the cell probably look through a hole in the
+# soup.
 MIN_SEEN_RATIO = 0.05
 # Number of steps of `pull_in`; each step interpolates the grid once.
 _PULL_STEPS = 5
 # Work-items of a work-group.
 _GROUP = 64
-# Number of views that vote in one run of the kernel, and number of floats per view in the kernel's input.
-# Eight views share one pass over the cells.
+# The first number is the number of views that vote in one run of the kernel. The second number is the floats
+# per view in the kernel's input. Eight views share one pass over the cells.
 _VIEWS_PER_RUN, _RECORD = 8, 19
 # Value of a cell without any vote.
 UNKNOWN = 2.0
-# Every 7th covered pixel gives one visible point. The step 7 has no common factor with usual image widths, so
-# the points do not line up in columns.
+# Every 7th covered pixel gives one visible point. The step 7 has no common factor with usual image widths.
+# Therefore the points do not line up in columns.
 _PIXELS_PER_POINT = 7
 _BLACK = (0.0, 0.0, 0.0)
 # Smallest coverage of a pixel by Gaussians that gives the pixel a depth.

@@ -1,7 +1,7 @@
 """Face selection of an opaque soup: hide or show many faces at once, and keep useful changes.
 
 A selection round hides some selected faces, shows some hidden faces, and draws a few views before and after.
-When a pixel changes, its error is assigned to the faces that it shows before and after the change
+When a pixel changes, its error is assigned to the faces before and after the change
 (`SoupRenderer.measure_changes`). A change of the selection is kept if its gain over the views is
 statistically significant. Without a test of significance, noise would decide which faces of few pixels are
 selected.

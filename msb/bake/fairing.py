@@ -26,9 +26,9 @@ _NORMAL_WIDTH = 0.5
 _TURNS = 10
 # One smoothing turn moves a vertex twice, by these shares of the way to the average of its neighbours.
 _SHARES = 0.5, -0.53
-# A face is folded if the angle between its normal and the area-weighted sum of the surrounding normals has a
-# cosine below this limit. At the rim of a thin sheet, the sum of the surrounding normals includes both sides,
-# so the cosine is near 0.
+# A face is folded if its normal points away from the normals around it. The cosine between the normal and the
+# area-weighted sum of the surrounding normals is then below this limit. At the rim of a thin sheet, the sum
+# of the surrounding normals includes both sides, so the cosine is near 0.
 _FOLDED = -0.3
 # Smallest length of the sum of the surrounding normals, relative to the sum of their lengths.
 _AGREEMENT = 0.5

@@ -61,8 +61,8 @@ def is_folder_output(paths: Sequence[Path]) -> bool:
 def write_folder(baked: Baked, assets: Sequence[OutputAsset], folder: Path, overwrite: bool) -> Report:
     """Write a bake as a complete folder or not at all; return the report with the written files.
 
-    The folder holds `ASSET`, its levels of detail, its collision shape, `preview.png`, a page, and the report
-    `bake.json` with relative file names.
+    The folder holds `ASSET`, its levels of detail, its collision shape, `preview.png` and a page. The report
+    `bake.json` has relative file names.
     """
     with own_folder(folder, overwrite=overwrite) as new:
         files = write_assets(assets, [new / ASSET])
@@ -132,7 +132,10 @@ def _make_facts(report: Report) -> list[list[str]]:
 
 
 def _make_quality_table(report: Report) -> list[list[str]]:
-    """Return the head and the rows of a table of PSNR on the test views; empty without a test view."""
+    """Return the head and the rows of a table of PSNR on the test views.
+
+    Without a test view, the table is empty.
+    """
     native, photographs = report.native, report.photographs
     if native is None:
         return []

@@ -12,7 +12,8 @@ PointsAndFaces = tuple[Floats, Ints]
 
 # Largest number of corners of the hull of a patch. Physics engines accept hulls of some dozens of corners.
 PATCH_CORNERS = 32
-# Thickness of a box or of the hull of a flat patch, relative to the diagonal: thin, but still a solid.
+# Thickness of a box or of the hull of a flat patch, relative to the diagonal. The thin shape is still a
+# solid.
 _MIN_THICKNESS = 1e-3
 # A hull is flat, and is thickened, if its volume is below this share of the cube of the diagonal.
 _FLAT_VOLUME = 1e-6
@@ -43,9 +44,10 @@ _BOX_FACES = np.array(
 
 
 def split_into_patches(points: Floats, faces: Ints, count: int) -> list[Floats]:
-    """Divide the points of a surface into up to `count` sets (n, 3) whose hulls have a small total volume.
+    """Divide the points of a surface into up to `count` sets (n, 3).
 
-    The patch with the largest hull is cut repeatedly, at the place that saves the most volume.
+    The hulls of the sets have a small total volume. The patch with the largest hull is cut repeatedly, at the
+    place that saves the most volume.
     """
     points = np.concatenate([points, sample_surface(points, faces, _SAMPLE_POINTS)[0]])
     patches = [(_measure_volume(points), points)]
@@ -59,7 +61,10 @@ def split_into_patches(points: Floats, faces: Ints, count: int) -> list[Floats]:
 
 
 def _cut_patch(points: Floats) -> list[tuple[float, Floats]]:
-    """Cut a patch into the two parts with the smallest total volume; return no parts if it cannot be cut."""
+    """Cut a patch into the two parts with the smallest total volume.
+
+    Return no parts if the patch cannot be cut.
+    """
     best: list[tuple[float, Floats]] = []
     if len(points) < 2:
         return best
@@ -163,8 +168,8 @@ def _make_hull_frames(points: Floats) -> tuple[Floats, Floats]:
             continue
         corners = hull.points[hull.simplices]
         largest = np.argsort(-face_areas(hull.points, hull.simplices)[0], kind="stable")[:_MAX_BASES]
-        # Each side of a face gives a frame: the side, the direction across the side within the face, and the
-        # face normal.
+        # Each side of a face gives a frame. The axes are the side, the direction across the side within the
+        # face, and the face normal.
         side = np.roll(corners[largest], -1, axis=1) - corners[largest]
         along = (side / np.maximum(np.linalg.norm(side, axis=2, keepdims=True), _TINY)).reshape(-1, 3)
         up = np.repeat(hull.equations[largest, :3], 3, axis=0)

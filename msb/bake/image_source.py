@@ -25,8 +25,8 @@ from msb.render import Renderer
 from msb.render.backend import check_supported, minimal_options
 from msb.scenes import Camera
 
-# Number of samples along each side of a pixel for images of a standard-tier mesh. 4 x 4 samples look similar
-# to the multisampling of an engine.
+# Number of samples along each side of a pixel for standard-tier images. 4 x 4 samples look similar to the
+# multisampling of an engine.
 SAMPLES_PER_SIDE = 4
 
 

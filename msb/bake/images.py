@@ -17,8 +17,8 @@ from msb.bake.arrays import Singles
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
-# A function that takes a camera and returns its image (H, W, 3) in the asset's colour space, as float RGB or
-# as integers up to `MAX_LEVEL`.
+# A function that draws the image (H, W, 3) of a camera in the asset's colour space. The image has float RGB
+# values, or integers up to `MAX_LEVEL`.
 DrawImage = Callable[["Camera"], Singles | NDArray[np.uint16]]
 # Images are stored as integers with 16 bits per channel. With 16 bits, the rounding error is 257 times
 # smaller than with 8 bits and does not limit PSNR.
@@ -31,8 +31,8 @@ _MANY_VIEWS = 32
 class ViewImages:
     """Cameras with their target images.
 
-    An image is drawn on first use and kept in an anonymous temporary file, so memory does not grow with the
-    number of views.
+    An image is drawn on first use and kept in an anonymous temporary file. Memory therefore does not grow
+    with the number of views.
     """
 
     def __init__(

@@ -23,8 +23,8 @@ from msb.meshes.mesh import Mesh
 # A level of detail is evaluated on a full-HD screen with this number of pixel rows. On such a screen, the
 # geometric error of a level must be below a pixel.
 SCREEN_ROWS = 1080
-# The error of a level is this percentile of the errors at the sample points, so that a few outliers do not
-# decide.
+# The error of a level is this percentile of the errors at the sample points. A few outliers therefore have no
+# influence.
 _ERROR_PERCENTILE = 95.0
 # One reduction stage keeps at least this share of the faces of a soup. The kept faces are then moved. With
 # stages of this size, a level with 50 % of the faces loses 0.1 to 0.3 dB. With stages that hid more faces,
@@ -162,10 +162,10 @@ def _plan_stages(faces: int, counts: Sequence[int]) -> list[tuple[int, int]]:
 def measure_screen_share(mesh: Mesh, lod: Mesh, *, rows: int = SCREEN_ROWS) -> float:
     """Return the largest relative height of the model in an image at which `lod` can replace `mesh`.
 
-    If the model appears at most this large, 95 % of the points of each surface are less than a pixel from the
-    other surface. The image has `rows` rows. The height of the model is the diameter of its bounding sphere.
-    The bounding sphere has the centre of the model's bounding box, and contains the farthest vertex. The
-    result is at most 1. Colour differences are not measured.
+    At this height, 95 % of the points of each surface are less than a pixel from the other surface. The image
+    has `rows` rows. The height of the model is the diameter of its bounding sphere. The bounding sphere has
+    the centre of the model's bounding box, and contains the farthest vertex. The result is at most 1. Colour
+    differences are not measured.
     """
     # Distances between the two surfaces in both directions.
     ends = [(part.vertices.astype(np.float64), part.faces) for part in (mesh, lod)]

@@ -16,10 +16,10 @@ from msb.meshes.assets import mesh_from_asset, with_vertex_colors
 from msb.meshes.charts import with_sampled_colors
 from msb.meshes.mesh import Mesh
 
-# These limits apply to the blending weight of a face, divided by the number of pixels that the opaque face
-# covers. The limits are tried in this order. Faces with a smaller ratio are pruned, because the faces behind
-# them contribute more to native renderings. The validation images decide which limit is best. The value 0.25
-# was best for a walled scene and for a garden. Limits above 0.4 open holes.
+# These limits apply to a ratio: the blending weight of a face, divided by the number of pixels that the
+# opaque face covers. The limits are tried in this order. Faces with a smaller ratio are pruned, because the
+# faces behind them contribute more to native renderings. The validation images decide which limit is best.
+# The value 0.25 was best for a walled scene and for a garden. Limits above 0.4 open holes.
 WEIGHT_RATIOS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35)
 # A face is near a camera if its distance is below this share of the median distance of the visible faces.
 _NEAR_SHARE = 0.25
@@ -40,8 +40,8 @@ def hide_stray_faces(soup: Soup, renderer: SoupRenderer, best: BestState) -> Sou
     depths = []
     centers = soup.corners.mean(axis=1, dtype=np.float64)
     soup.upload(renderer)
-    # The number of views (F,) that show each face, and the smallest distance (F,) from a camera that sees the
-    # face.
+    # Count the views (F,) that show each face, and find the smallest distance (F,) from a camera that sees
+    # the face.
     for number, camera in enumerate(renderer.images.cameras):
         shown = renderer.sum_faces([number], gradients=False).max_pixels > 0
         distance = np.linalg.norm(centers[shown] - camera.center, axis=1)

@@ -1,8 +1,8 @@
 """An outer skin makes the surface of an interior a solid with walls.
 
-The surface of a scene encloses the free space around the cameras: its faces look inwards and its volume is
-negative. Booleans, 3D printing and physics need a solid with a positive volume. The skin is a second closed
-surface around the first surface, with faces that look outwards.
+The surface of a scene encloses the free space around the cameras. Therefore its faces look inwards, and its
+volume is negative. Booleans, 3D printing and physics need a solid with a positive volume. The skin is a
+second closed surface around the first surface, with faces that look outwards.
 """
 
 from __future__ import annotations

@@ -367,7 +367,7 @@ class BakePipeline:
     ) -> tuple[list[tuple[LodReport, Mesh]], list[str]]:
         """Return the levels of detail of the chosen mesh, and notes for the user.
 
-        The number of texels falls with the number of faces, to the next lower power of two along a side.
+        The number of texels falls with the number of faces. The side is rounded down to a power of two.
         """
         if not shares:
             return [], []

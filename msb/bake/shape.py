@@ -23,7 +23,8 @@ from msb.topology.faces import face_vectors
 
 # Angle in degrees above which an edge is a crease, and above which a pixel's normal counts as wrong.
 SHARP = 30.0
-# If two depths differ by more than this share of the size, the pixel shows different parts and is excluded.
+# If two depths differ by more than this share of the size, the pixel shows different parts. Such pixels are
+# excluded.
 _MAX_DEPTH_SHARE = 0.05
 # The size is measured with a box that excludes this percentage of the visible points at each side.
 _TRIM_PERCENT = 1.0
@@ -172,7 +173,10 @@ def compare_with_truth(
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """A view of a mesh: face numbers (H, W), -1 without a face, and depths (H, W) along the camera's axis."""
+    """A view of a mesh: face numbers (H, W) and depths (H, W) along the camera's axis.
+
+    A pixel without a face has the number -1.
+    """
 
     face: NDArray[np.int32]
     depth: Floats

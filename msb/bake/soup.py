@@ -55,8 +55,8 @@ def is_uncut_soup(points: NDArray[Any], faces: NDArray[Any]) -> bool:
 
     A surface that was cut along all its edges is not a soup.
 
-    Faces that use all vertices one after the other are always a soup, because assets store soups in this way.
-    Corners of faces that use all vertices in order may still coincide by chance.
+    Assets store soups with consecutive vertices. Faces that use all vertices one after the other are
+    therefore always a soup. Corners of faces that use all vertices in order may still coincide by chance.
     """
     if not is_unindexed(faces, len(points)):
         return False

@@ -25,8 +25,8 @@ from msb.render.standard.renderer import StandardRenderer, view_record
 from msb.render.standard.supersampling import box_mean
 from msb.render.standard.triangles import RECORD_DEFINES
 
-# Sums per face: the products of the weights (aa, ab, ac, bb, bc, cc), and the products of red, green and blue
-# with a, b and c.
+# The sums of a face are products of the weights a, b and c of its corners: aa, ab, ac, bb, bc, cc, and red,
+# green and blue times a, b and c.
 SUMS_PER_FACE = 15
 # Work-items of a work-group, for all kernels of this module. All devices support work-groups of this size.
 _GROUP = 64
@@ -45,7 +45,8 @@ class FaceSums(NamedTuple):
     sums: Singles
     # (F,) the largest number of pixels of each face in a single view.
     max_pixels: NDArray[np.uint32]
-    # (F, 3, 3) the derivative of the squared error by the place of each corner, per unit of the scene.
+    # (F, 3, 3) the derivative of the squared error with respect to each corner position, per unit of the
+    # scene.
     gradients: Singles
 
 

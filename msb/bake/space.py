@@ -13,8 +13,8 @@ from msb.bake.arrays import Floats
 if TYPE_CHECKING:
     from msb.scenes import Camera
 
-# A model is a scene, not an object, if more than this share of the visible points is farther from the focus
-# than the cameras are.
+# A model is a scene if more than this share of the visible points is farther from the focus than the cameras.
+# Otherwise the model is an object.
 _SCENE_SHARE = 0.02
 # Radius of the uncontracted part of a scene, in median distances of the cameras from the focus.
 _NEAR_RADIUS = 0.5
@@ -27,8 +27,8 @@ _MIN_CONDITIONING = 1e-3
 # Smallest distance of the focus in front of the cameras, relative to the distance of the visible points. The
 # axes of cameras at one place meet at the cameras, up to rounding.
 _MIN_AHEAD = 1e-4
-# The cameras are inside the model if the visible centre is nearer to them than this share of the distance of
-# the visible points.
+# If the visible centre is nearer to the cameras than this, the cameras are inside the model. The value is a
+# share of the distance of the visible points.
 _INSIDE_DISTANCE = 0.5
 # Smallest side of an object's box relative to its longest side, so that a flat object still has a volume.
 _MIN_THICKNESS = 1e-3

@@ -12,8 +12,8 @@ POINTS = 20_000
 # points find the nearest faces. With more search points, the nearest face is found more reliably, but the
 # search tree is larger.
 _SEARCH_POINTS = 40_000
-# Number of nearest search points per sample point. The exact distance is computed to the faces of all nearest
-# search points, because the nearest search point may not lie on the nearest face.
+# Number of nearest search points per sample point. The exact distance is computed to the faces of all these
+# points, because the nearest search point may not lie on the nearest face.
 _NEIGHBOURS = 12
 
 
@@ -38,8 +38,8 @@ def measure_distances(places: Floats, points: Floats, faces: Ints) -> Floats:
     """Return the distance (n,) from each place (n, 3) to a surface of points (V, 3) and faces (F, 3).
 
     The distance to the nearest candidate face is exact. The candidate faces may not include the nearest face.
-    A missing nearest face makes the distance too large, but by far less than the spacing of the search
-    points.
+    If the nearest face is missing, the distance is slightly too large. The error is far below the spacing of
+    the search points.
     """
     from scipy.spatial import cKDTree
 

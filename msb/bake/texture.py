@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 # rounding and blending errors, which the equations ignore.
 FIRST_PASS_STEP = 6
 # Smallest and largest default number of texels along a side. With 256 texels along a side, the demo models
-# lose 0.3 dB; 4096 is the largest texture of many phones.
+# lose 0.3 dB. Many phones support textures of at most 4096 texels.
 _DEFAULT_SIZES = 512, 4096
 # The initial texture is drawn in tiles to limit the memory. Number of texels along a side of a tile.
 _TILE = 1024
@@ -101,8 +101,8 @@ def fit_texture(
         face_textures=None,
         sampler=_SAMPLER,
     )
-    # In each of two passes, sum the equations over the images, solve for the change of the texels, then add
-    # and round the change.
+    # Each of the two passes sums the equations over the images, and solves for the change of the texels. The
+    # change is then added and rounded.
     few = select_first_pass(images)
     total = len(few) + len(images)
     for chosen, before in (few, 0), (images, len(few)):
@@ -153,8 +153,8 @@ def _contract_vertices(mesh: Mesh, cameras: Sequence[Camera], device: str | Devi
 def _choose_default_size(pixels: Floats) -> int:
     """Return the default number of texels along a side.
 
-    The number of texels along a side is a power of two and gives about one texel per pixel; `pixels` (F,) are
-    the pixels of each face.
+    The number of texels along a side is a power of two with about one texel per pixel. The argument `pixels`
+    (F,) has the pixels of each face.
     """
     side = float(np.sqrt(np.maximum(pixels, 1).sum()))
     least, most = _DEFAULT_SIZES

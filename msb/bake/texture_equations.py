@@ -41,9 +41,10 @@ class TextureEquations(OnDevice):
     """The normal equations of a square texture and its mip levels.
 
     The field `stencils` (texels, 8) has a row for each texel, level by level. The first five values of a
-    stencil are the sums of products of the texel's weight with the weights of five texels: itself, and the
-    texels to the right, below, below right and below left. The last three values of a stencil are the right
-    sides of red, green and blue. `msb.bake.texture_renderer` computes the sums of the stencils.
+    stencil are sums of products of two weights. The first weight belongs to the texel itself. The second
+    weight belongs to the texel itself or to its neighbour to the right, below, below right or below left. The
+    last three values of a stencil are the right sides of red, green and blue. `msb.bake.texture_renderer`
+    computes the sums of the stencils.
 
     The field `sides` has the number of texels along a side for each mip level. The field `starts` has the
     number of the first texel of each mip level, then the number of all texels.

@@ -56,11 +56,11 @@ def with_vertex_uvs(mesh: Mesh) -> Mesh:
 def _split_vertices(
     corners: NDArray[np.int64], textures: NDArray[np.int64], values: NDArray[np.float32], count: int
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]:
-    """Return the old vertex (N,) and the values (N, K) of each new vertex, and the new vertex of each corner.
+    """Return the old vertex (N,) and the values (N, K) of each new vertex.
 
-    The corners are grouped by texture. The corners have the old vertices `corners` (C,), the textures
-    `textures` (C,) and the values `values` (C, K). The argument `count` is the number of old vertices. Unused
-    vertices are kept.
+    Also return the new vertex of each corner. The corners are grouped by texture. The corners have the old
+    vertices `corners` (C,), the textures `textures` (C,) and the values `values` (C, K). The argument `count`
+    is the number of old vertices. Unused vertices are kept.
     """
     # Corners with the same vertex, texture and values (compared bit by bit) share a new vertex. Sort the
     # corners into groups. `first` (N,) is the earliest corner of each group, and `numbers` (C,) is the group
@@ -145,7 +145,9 @@ def with_sampled_colors(mesh: Mesh) -> Mesh:
 
 
 def _sample_corners(mesh: Mesh, uvs: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return the linear light and alpha (3F, 4) of the textures at corners with the UVs `uvs` (F, 3, 2)."""
+    """Return the colours of the textures at corners with the UVs `uvs` (F, 3, 2), as linear light and alpha
+    (3F, 4).
+    """
     light = np.zeros((len(uvs), 3, 4), np.float32)
     smooth = replace(mesh.sampler, filter="linear", mipmaps=True)
     inside = uvs + _INWARDS * (uvs.mean(axis=1, keepdims=True) - uvs)

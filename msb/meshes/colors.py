@@ -17,8 +17,8 @@ def stored_colors(values: NDArray[Any]) -> NDArray[Any]:
 
     Values of type uint8 are kept, and uint16 values are divided by 65535. Integer colours of other types are
     clamped to 0..255. Floats are clamped to 0..1, as glTF prescribes. Some programs write colour bytes as
-    float numbers. Float colours become uint8 if all values are whole numbers from 0 to 255 and at least one
-    value exceeds 1. NaN becomes 0.
+    float numbers. Float colours become uint8 if all values are whole numbers up to 255 and a value exceeds 1.
+    NaN becomes 0.
     """
     if values.dtype.kind == "f":
         values = np.nan_to_num(values, nan=0.0)
@@ -109,10 +109,11 @@ def _build_table(most: int) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDA
 
 
 def linear_colors(colors: NDArray[Any]) -> NDArray[Any]:
-    """Return sRGB colours (N, 3 | 4) as linear light: uint8 if the error is below half a level, else uint16.
+    """Return sRGB colours (N, 3 | 4) as linear light.
 
-    One colour level is 1/255 of the sRGB range. Linear light in 8 bits is too coarse for dark colours. The
-    error of uint16 values is at most 1/40 of a level.
+    The type is uint8 if the error is below half a level, else uint16. One colour level is 1/255 of the sRGB
+    range. Linear light in 8 bits is too coarse for dark colours. The error of uint16 values is at most 1/40
+    of a level.
     """
     light = linear_light(colors)
     as_bytes = np.rint(light * 255)

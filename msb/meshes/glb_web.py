@@ -27,8 +27,8 @@ from msb.meshes.writing import as_local
 
 _MESHOPT, _QUANTIZATION = "EXT_meshopt_compression", "KHR_mesh_quantization"
 # Finest precision of positions, in quarters of a bit. Mantissas of 24 bits cannot represent the coordinates
-# of a finer grid. The limit of a grid that varies by distance is 3 bits lower, because the finest step of
-# such a grid is 3 bits finer.
+# of a finer grid. If the grid varies by distance, the limit is 3 bits lower, because the finest step of the
+# grid is 3 bits finer.
 _FINEST, _FINEST_BY_DISTANCE = 88, 76
 # Range of the grid step if the step varies by distance. The values are binary logarithms relative to the step
 # at the median distance, from 8 times finer (-3) to 32 times coarser (5).
@@ -47,8 +47,8 @@ _MANTISSA = 23
 class Grid:
     """Positions (V, 3) rounded to a grid.
 
-    The position of vertex v is corner + step * whole[v], and whole[v] is a multiple of 2 ** exponents[v]. The
-    field `corner` is relative to the point `origin` (3,).
+    The position of vertex v is corner + step * whole[v]. The integers whole[v] are multiples of 2 **
+    exponents[v]. The field `corner` is relative to the point `origin` (3,).
     """
 
     whole: NDArray[np.int64]

@@ -117,7 +117,7 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
 
 
 def start_root(mesh: Mesh, style: Style) -> dict[str, Any]:
-    """Return the JSON of a new file: a scene with a node for one mesh; the mesh is added later."""
+    """Return the JSON of a new file. It contains a scene with a node for one mesh, which is added later."""
     asset: dict[str, Any] = {"version": "2.0", "generator": "MeshSplatBench"}
     extras = dict(style.extras or {})
     if mesh.placement is not None:

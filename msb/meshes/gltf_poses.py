@@ -102,7 +102,10 @@ class Poses:
         return replace(part, vertices=vertices, faces=part.faces[:, [0, 2, 1]] if is_mirrored else part.faces)
 
     def _read_weights(self, primitive: Primitive, joints: int) -> tuple[NDArray[np.int64], Floats]:
-        """Return the joints (V, K) of each vertex and the weights (V, K) of the joints, which add up to 1."""
+        """Return the joints (V, K) of each vertex, and their weights (V, K).
+
+        The weights of a vertex add up to 1.
+        """
         attributes, where = primitive.entry["attributes"], f"{primitive.pointer}/attributes"
         numbers, weights, number = [], [], 0
         while {f"JOINTS_{number}", f"WEIGHTS_{number}"} <= attributes.keys():

@@ -60,9 +60,10 @@ def simplify_stem(style: Style) -> str:
 
 
 def encode_image(image: NDArray[np.uint8], kind: Picture, sampler: Sampler) -> tuple[bytes, Picture]:
-    """Return `image` (H, W, 3 | 4) as an image file, and its format: PNG if JPEG would lose alpha.
+    """Return `image` (H, W, 3 | 4) as an image file, and the format.
 
-    PNG keeps all channels. JPEG and WebP drop alpha if the sampler has no alpha cut-off.
+    The format is PNG if JPEG would lose alpha. PNG keeps all channels. JPEG and WebP drop alpha if the
+    sampler has no alpha cut-off.
     """
     from PIL import Image
 

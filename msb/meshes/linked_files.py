@@ -1,4 +1,7 @@
-"""Reads files that a mesh file links to, in its folder or below, and data that is embedded in URIs."""
+"""Reads files that a mesh file links to, and data that is embedded in URIs.
+
+The linked files must be in the mesh file's folder or below.
+"""
 
 import base64
 import os

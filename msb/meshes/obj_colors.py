@@ -17,7 +17,10 @@ _MAX_PASSES = 16
 
 @dataclass(frozen=True)
 class WrittenMaterial:
-    """A material: its sRGB colour Kd in [0, 1], and the number of its texture, or None without a texture."""
+    """A material has its sRGB colour Kd in [0, 1] and the number of its texture.
+
+    The number is None without a texture.
+    """
 
     color: tuple[float, ...]
     texture: int | None

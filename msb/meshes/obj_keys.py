@@ -36,8 +36,8 @@ def read_corner_keys(mesh: Mesh, text: Source, cut: Triangulation) -> NDArray[np
 
 def _read_keys(text: Source) -> NDArray[np.uint32] | None:
     """Return the hash (C,) of the normal and texture coordinates of each polygon corner."""
-    # Read the lines of normals and of texture coordinates, padded to three numbers. Each polygon corner uses
-    # one line (C,), or -1.
+    # Read the lines of normals and of texture coordinates, padded to three numbers. A corner without a line
+    # has the line number -1.
     values: dict[bytes, list[NDArray[np.float64]]] = {b"vt": [], b"vn": []}
     rows: dict[bytes, list[NDArray[np.int64]]] = {b"vt": [], b"vn": []}
     above = {b"vt": 0, b"vn": 0}

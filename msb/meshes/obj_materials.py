@@ -94,8 +94,8 @@ def with_materials(mesh: Mesh, text: Source, cut: Triangulation) -> tuple[Mesh, 
     The argument `cut` is the triangulation of the polygons.
 
     A material becomes its image, or a single texel of its colour. Libraries and images that cannot be read
-    are skipped. A material without an image loses its colour if vertices have colours, or if there are more
-    than `MAX_TEXTURES` colours.
+    are skipped. A material without an image may lose its colour. This happens if vertices have colours, or if
+    there are more than `MAX_TEXTURES` colours.
     """
     # Collect the `usemtl` statements with their byte offsets, and the names of the libraries.
     known: dict[str, _Material] = {}
@@ -228,7 +228,7 @@ def _decode_images(
 ) -> tuple[dict[_Image, _Image], dict[_Image, NDArray[np.uint8]]]:
     """Return the images that can be read, and the texels of these images.
 
-    If a file has several names, all names map to the first name, which is also the key of the texels.
+    If a file has several names, all names map to the first name. The texels also have this name as their key.
     """
     decoder, files, texels = Decoder(), set[Path](), {}
     firsts: dict[tuple[Path, bool], _Image] = {}

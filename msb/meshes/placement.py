@@ -33,7 +33,8 @@ _MAX_ERROR = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """The map from the capture to the file: file = scale * rotation @ capture + offset, for column vectors.
+    """This placement maps the capture to the file by file = scale * rotation @ capture + offset, for column
+    vectors.
 
     Attributes
     ----------
@@ -73,10 +74,11 @@ class Placement:
 
 
 def place(mesh: Mesh, *, is_upright: bool) -> Mesh:
-    """Return a mesh in the form for a file: in metres if its unit is known, and with +y up if `is_upright`.
+    """Return a mesh in the form for a file.
 
-    The argument `mesh` is in the coordinates of the capture. The written mesh has a `placement` if it differs
-    from `mesh`, or if a unit is recorded.
+    The mesh is in metres if its unit is known. If `is_upright`, +y is up. The argument `mesh` is in the
+    coordinates of the capture. The written mesh has a `placement` if it differs from `mesh`, or if a unit is
+    recorded.
     """
     frame = mesh.frame or Frame()
     up = frame.up if frame.up is not None else (None if mesh.up is None else parse_up(mesh.up))

@@ -105,9 +105,9 @@ def _declare_colors(colors: NDArray[Any] | None) -> list[str]:
 def _write_records(
     stream: BinaryIO, count: int | None, values: NDArray[Any], kind: str, colors: NDArray[Any] | None
 ) -> None:
-    """Write N binary rows.
+    """Write all rows in binary form.
 
-    A row has the list count (unless it is None), then `values` (N, 3), then `colors` (N, 3 | 4).
+    A row has the list count, then `values` (N, 3), then `colors` (N, 3 | 4). A count of None is omitted.
     """
     fields: list[tuple[Any, ...]] = [("values", kind, 3)]
     if count is not None:

@@ -272,8 +272,8 @@ def _width(kind: str) -> int:
 def _describe_rows(element: Element, order: str) -> tuple[list[tuple[int, struct.Struct, int]], int]:
     """Return the layout of a row: its lists, and the bytes after the last list.
 
-    The layout of a list has three entries: the number of preceding bytes, the struct of its count, and the
-    bytes per item.
+    The layout of a list has three entries. They are the number of preceding bytes, the struct of its count,
+    and the bytes per item.
     """
     lists, gap = [], 0
     for entry in element.properties:

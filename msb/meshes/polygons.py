@@ -67,9 +67,9 @@ def triangulate(points: NDArray[Any], corners: NDArray[np.int64], counts: NDArra
     polygon with n corners gives n - 2 triangles. Polygons with fewer than three corners are dropped.
 
     Usually a polygon becomes the triangle fan (0, 1, 2), (0, 2, 3), ... around its first corner. The fan of a
-    convex polygon has no reversed triangle. If a fan triangle is reversed, ears of the polygon are cut, in
-    the projection along its normal by Newell's method. A polygon that crosses itself stays a fan. A polygon
-    with invalid vertices also stays a fan.
+    convex polygon has no reversed triangle. If a fan triangle is reversed, the polygon is cut by removing
+    ears. The polygon is first projected along its normal, computed by Newell's method. A polygon that crosses
+    itself stays a fan. A polygon with invalid vertices also stays a fan.
     """
     order, polygon = _make_fans(counts)
     if np.all(counts <= 3):
@@ -127,10 +127,10 @@ def _gather(
     counts: NDArray[np.int64],
     width: int,
 ) -> Floats:
-    """Return x, y and z (3, P, `width`) of polygons relative to their first corner, with a size of 1.
+    """Return x, y and z (3, P, `width`) of polygons relative to their first corner.
 
-    The argument `first` (P,) contains the positions of the first corners. Shorter polygons are padded with
-    their last corner. Invalid vertices have NaN coordinates.
+    The polygons are scaled to a size of 1. The argument `first` (P,) contains the positions of the first
+    corners. Shorter polygons are padded with their last corner. Invalid vertices have NaN coordinates.
     """
     rows = corners[first[:, None] + np.minimum(np.arange(width), counts[:, None] - 1)]
     wrong = (rows < 0) | (rows >= len(points))
@@ -215,8 +215,8 @@ def _project(placed: Floats) -> tuple[Floats, Floats]:
 def _cut_ears(x: Floats, y: Floats, counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Cut counter-clockwise polygons with the coordinates (P, M) and `counts` (P,) corners into triangles.
 
-    Return the corners (P, M - 2, 3) of the triangles, and a mask (P,) of the polygons that were cut. In each
-    round, every polygon loses its best-shaped ear.
+    Return the corners (P, M - 2, 3) of the triangles. Also return a mask (P,) of the polygons that were cut.
+    In each round, every polygon loses its best-shaped ear.
     """
     ring = _Ring.of(x, y, counts)
     polygons, width = x.shape

@@ -16,7 +16,7 @@ from msb.meshes.image_files import describe_counts, encode_images, is_single_tex
 from msb.meshes.mesh import Mesh
 
 # Largest number of materials with a uniform colour for the faces of one texture. With more colours than this,
-# faces without an image use `displayColor`, and faces with an image use the average colour.
+# faces without an image use `displayColor`. Faces with an image then use the average colour.
 _MAX_COLORS = 64
 WHITE = (1.0, 1.0, 1.0)
 

@@ -80,7 +80,7 @@ UNBOUND = Material(primvar="displayColor")
 
 
 class _Source(NamedTuple):
-    """The source that an input is connected to: a shader and the name of its output, a value, or nothing."""
+    """The source of an input: a shader and the name of its output, a value, or nothing."""
 
     shader: Any = None
     output: str = ""

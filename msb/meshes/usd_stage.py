@@ -344,7 +344,7 @@ def _combine(
 ) -> Values | None:
     """Combine the values of the materials of a prim. Return None if no triangle has values.
 
-    Each of the `pieces` consists of the triangle numbers of a material, and the material's values for the
+    Each element of `pieces` has the triangle numbers of a material, and the values of this material for the
     whole prim.
     """
     given = [values for _, values in pieces]

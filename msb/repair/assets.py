@@ -216,8 +216,8 @@ def _welds_soup(asset: Asset, plan: tuple[str, ...]) -> bool:
 def _convert_to_mesh(asset: Asset) -> tuple[Asset, Change | None]:
     """Return a triangle soup as an asset of method "mesh" with its standard-tier colours.
 
-    The second value is the change that removes faces below the STE opacity threshold. It is None without a
-    threshold.
+    The second value is the change that removes faces below the STE opacity threshold. This value is None
+    without a threshold.
     """
     if why := refusal(asset.manifest, "standard"):
         raise Unsupported("UNSUPPORTED_TIER", f"weld needs static colours to merge a triangle soup; {why}")

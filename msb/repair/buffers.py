@@ -90,8 +90,8 @@ def _carry_corners(name: str, array: NDArray[Any], change: Change, faces: NDArra
         return np.asarray(kept)
     if name not in _INTERPOLATED:
         _reject(name, "corner values that cannot be interpolated", "added")
-    # `same` (n, 3, 3) marks pairs of a corner of the added face and a corner of the adjacent face that have
-    # the same vertex.
+    # `same` (n, 3, 3) compares the corners of an added face with the corners of the adjacent face. A value is
+    # true if both corners have the same vertex.
     old_vertices = change.vertex_map[change.faces[-added:]]
     same = old_vertices[:, :, None] == faces[change.added_from].astype(np.int64)[:, None]
     # Copy the values of shared corners, and use their average for the remaining corner.
@@ -107,7 +107,7 @@ def build_lattice_permutation(sides: int) -> NDArray[np.intp]:
 
     Sample ``s (s + 1) / 2 + y`` has the barycentric coordinates b0 = (s - y) / n, b1 = y / n and b2 = (n - s)
     / n, where n is `sides`. After the swap, each sample has the value of the old sample at (b0, b2, b1). In
-    the order of the samples, the old sample has y' = n - s and s' = n - y.
+    the order of the samples, this old sample has y' = n - s and s' = n - y.
     """
     s, y = np.tril_indices(sides + 1)
     s, y = sides - y, sides - s

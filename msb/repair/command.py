@@ -275,8 +275,7 @@ class _Repair:
     def show(self, done: Repaired | Outcome, after: Audit, left: list[str], *, splits: bool) -> None:
         """Print the verdict and, unless --quiet, the steps, the remaining defects and the next command.
 
-        The argument `splits` is true if the faces of the repaired mesh share vertices, but the file format
-        stores them separately.
+        The argument `splits` is true if the file format stores shared vertices of the faces separately.
         """
         from msb.api.auditing import next_command
         from msb.repair.plan import parse_plan

@@ -1,8 +1,8 @@
 """Find pairs of faces that cross each other, decided exactly for float64 corners.
 
-Two faces cross if an edge of one face passes from one side of the other face to the other side, through its
-interior or border. The test uses signs of determinants (Guigue and Devillers, "Fast and Robust
-Triangle-Triangle Overlap Test Using Orientation Predicates", 2003). A determinant counts as 0 if it is
+Two faces cross if an edge of one face passes through the other face from one side to the other side. The edge
+may pass through the border of the face. The test uses signs of determinants (Guigue and Devillers, "Fast and
+Robust Triangle-Triangle Overlap Test Using Orientation Predicates", 2003). A determinant counts as 0 if it is
 smaller than its rounding error. Faces that only touch do not cross. Adjacent faces do not cross at their
 shared corner or edge. Coplanar faces do not cross, even if they overlap.
 """
@@ -174,7 +174,9 @@ def _are_on_one_side(signs: NDArray[np.int8]) -> NDArray[np.bool_]:
 
 
 def _find_sides(a: NDArray[Any], b: NDArray[Any], c: NDArray[Any], d: NDArray[Any]) -> NDArray[np.int8]:
-    """Return the side (n,) of the points d (3, n) relative to the planes a, b, c (3, n each): -1, 0 or 1."""
+    """Return on which side (n,) of the planes through a, b and c (3, n each) the points d (3, n) lie: -1, 0
+    or 1.
+    """
     (x, y, z), (u, v, w), (p, q, r) = (corner - d for corner in (a, b, c))
     value = x * (v * r - w * q) + y * (w * p - u * r) + z * (u * q - v * p)
     size = (

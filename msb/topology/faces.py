@@ -37,16 +37,18 @@ def face_vectors(points: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[np
 
 
 def signed_volume(vertices: NDArray[Any], faces: NDArray[np.int64]) -> float:
-    """Return the volume of a closed mesh in cubed length units; the volume is negative if the mesh is wound
-    inwards."""
+    """Return the volume of a closed mesh in cubed length units.
+
+    The volume is negative if the mesh is wound inwards.
+    """
     return float(signed_volumes(vertices, faces).sum())
 
 
 def signed_volumes(vertices: NDArray[Any], faces: NDArray[Any]) -> NDArray[np.float64]:
     """Return the signed volume (F,) of the tetrahedron between each face and the first corner of the mesh.
 
-    The sum over a closed body is its volume in cubed length units; it is negative if the body is wound
-    inwards. Using a point of the mesh as apex keeps rounding errors small.
+    The sum over a closed body is its volume in cubed length units. The volume is negative if the body is
+    wound inwards. Using a point of the mesh as apex keeps rounding errors small.
     """
     volumes = np.zeros(len(faces))
     if not len(faces):

@@ -49,11 +49,10 @@ def find_end_corners(mesh: HalfEdgeMesh, halfedges: NDArray[Any]) -> tuple[NDArr
 
 
 def group_corners(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any]) -> tuple[int, NDArray[Any]]:
-    """Join the corners at each vertex across the given pairs of half-edges; both half-edges of a pair lie
-    on one edge.
+    """Join the corners at each vertex across the given pairs of half-edges.
 
-    Return the number of groups and the group (3F,) of each corner. Groups are numbered by their first
-    corner; corners of faces with a repeated index have NONE.
+    Both half-edges of a pair lie on one edge. Return the number of groups and the group (3F,) of each corner.
+    Groups are numbered by their first corner; corners of faces with a repeated index have NONE.
     """
     corners = np.flatnonzero(~np.repeat(mesh.repeated_index, 3))
     # Number only the corners of faces without a repeated index. Corners of faces with a repeated index get

@@ -1,8 +1,8 @@
 """Half-edge structure: 3F half-edges, grouped into edges by their undirected vertex pairs.
 
-A classic half-edge mesh allows at most two faces per edge, so it would change a non-manifold mesh before
-the audit counts it. In this structure an edge is a *group* of any number of half-edges. No face or vertex
-is merged, dropped, reoriented or repaired.
+A classic half-edge mesh allows at most two faces per edge. It would therefore change a non-manifold mesh
+before the audit counts it. In this structure an edge is a *group* of any number of half-edges. No face or
+vertex is merged, dropped, reoriented or repaired.
 
 Half-edge ``h = 3 f + k`` belongs to face f and runs from corner k to corner k + 1 (mod 3) of that face. The
 corner at the start of half-edge h has the number h. The definitions come from docs/definitions.md and the
@@ -148,8 +148,8 @@ def build_half_edges(faces: NDArray[Any], vertex_count: int) -> HalfEdgeMesh:
 def _sort_keys(key: NDArray[np.uint64]) -> tuple[NDArray[np.uint64], NDArray[Any]]:
     """Return the keys in ascending order and their original positions; equal keys keep their order.
 
-    If a key and its position fit into 64 bits together (up to about two million faces), the function sorts
-    packed numbers. Sorting packed numbers is six times as fast as sorting positions by key.
+    For up to about two million faces, a key and its position fit into 64 bits together. The function then
+    sorts packed numbers. Sorting packed numbers is six times as fast as sorting positions by key.
     """
     bits = np.uint64(len(key).bit_length())
     if int(key.max(initial=0)) >> (64 - int(bits)):

@@ -32,17 +32,17 @@ SeamKind = Literal["texture", "color", "normal", "format"]
 # A triangle soup is a surface without shared vertices if more than this share of its edges coincide with
 # another edge. The corners of trained triangle soups coincide by chance only.
 _COINCIDING = 0.5
-# Two faces that fold onto each other at an edge are two sides of a sheet, and not a seam. Two faces
-# fold onto each other if the cosine of the angle between their normals is below this limit. The limit allows
-# 0.08 degrees between one normal and the reversed other normal.
+# Two faces that fold onto each other at an edge are two sides of a sheet. Such an edge is not a seam. Two
+# faces fold onto each other if the cosine of the angle between their normals is below this limit. The limit
+# allows 0.08 degrees between one normal and the reversed other normal.
 _FOLDED = -0.999999
 
-# Vertices may differ by rounding if their distance is below this share of the largest coordinate: four
-# units in the last place of float32. This distance must be a small share of the size of the mesh.
+# Vertices may differ by rounding up to this share of the largest coordinate, which is four units in the last
+# place of float32. This distance must be a small share of the size of the mesh.
 _ROUNDING, _MOST_ROUNDING = 2.0**-21, 1e-5
 
-# The audit of a mesh with at most this number of faces tests an exact weld even if --weld is not given.
-# Testing an exact weld takes about as long as the audit itself.
+# If a mesh has at most this number of faces, the audit tests an exact weld even without --weld. Testing an
+# exact weld takes about as long as the audit itself.
 MOST_FACES = 200_000
 
 
@@ -98,8 +98,8 @@ def seam_attributes(
 def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes) -> Seams | None:
     """Return the seams of a mesh, or None for a mesh without seams.
 
-    A torn edge is a pair of coincident boundary edges with different attributes at an end, or with different
-    textures on their faces. The end vertices of a torn edge are merged. Three or more coincident boundary
+    A torn edge is a pair of coincident boundary edges. The edges differ in their attributes at an end, or in
+    the textures of their faces. The end vertices of a torn edge are merged. Three or more coincident boundary
     edges are not merged, because their pairing is ambiguous.
 
     In a triangle soup (triangles that share no vertices) corners may coincide by chance. A triangle soup has
@@ -161,8 +161,10 @@ def _merge_torn_edges(
 
 
 def _merge_triangle_list(faces: NDArray[Any], place: NDArray[Any]) -> Seams | None:
-    """Return the exact weld of a triangle soup, or None if at most half of its edges coincide with another
-    edge."""
+    """Return the exact weld of a triangle soup.
+
+    Return None if at most half of its edges coincide with another edge.
+    """
     proper = faces[~names_vertex_twice(faces)]
     if not is_soup(proper):
         return None

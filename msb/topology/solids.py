@@ -11,11 +11,12 @@ from msb.topology.crossings import find_crossing_pairs
 from msb.topology.faces import signed_volumes
 from msb.topology.weld import find_coincident_vertices
 
-# Maximum number of faces for which the audit searches crossing faces without a request: about 8 us per face
-# on one core. Long, thin faces take longer, so the number of tested pairs (0.7 us each) has a limit as well.
+# Maximum number of faces for which the audit searches crossing faces by default. The search takes about 8 us
+# per face on one core. Long, thin faces take longer, so the number of tested pairs (0.7 us each) has a limit
+# as well.
 MOST_FACES, MOST_PAIRS = 200_000, 1 << 23
-# A body is flat, like a sheet with two sides, if its volume is below this share of the cubed diagonal of its
-# bounding box. For comparison, a cube has the share 0.19.
+# A body is flat, like a sheet, if its volume is below this share of the cubed diagonal of its bounding box.
+# For comparison, a cube has the share 0.19.
 _FLAT = 1e-9
 
 

@@ -126,7 +126,7 @@ def _collect_first(totals: Totals) -> First:
     tallies, improper, strange = totals.tallies, totals.improper, totals.strange
     first: First = {}
     for kind, name in enumerate(EDGE_KINDS):
-        # The number of an edge is the number of edges of all earlier blocks plus its rank in the block.
+        # The number of an edge is its rank in its block, plus the number of edges of all earlier blocks.
         edges = _collect_filled(tallies["edges"][:, kind], tallies["edge_counts"][:, kind])
         before = np.cumsum(totals.block_edges) - totals.block_edges
         numbers = before[edges["block"].astype(np.int64)] + edges["rank"]

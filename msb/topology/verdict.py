@@ -16,20 +16,20 @@ Level = Literal["ok", "limited", "bad"]
 # names UV unwrapping and collision ("Mesh Structural Results": Local structure). Tools for these two tasks
 # cut and join the mesh themselves; docs/trial.md reports how well this works.
 SOLID_TOOLS = "subdivision, booleans or printing"
-# A tool or a person can repair a mesh up to this share and this number of non-manifold edges or vertices.
-# Up to both limits, the level of such a mesh is LIMITED. Above one of the two limits the level of the
-# verdict is BAD. The repair profile `game` uses the same share.
+# A tool or a person can repair a mesh with up to this share and this number of non-manifold edges or
+# vertices. Up to both limits, the level of such a mesh is LIMITED. Above one of the two limits the level of
+# the verdict is BAD. The repair profile `game` uses the same share.
 MANY, MOST = 0.01, 1000
 # The verdict advises merging vertices if a weld removes more than this share of the boundary edges.
 _WORTH_MERGING = 0.5
 # The repair plan for a mesh with non-finite faces: every repair drops these faces, and `close` fills the
 # holes.
 _DROPPING = "orient,pair,close"
-# The repair step that removes single triangles, which cannot be parts of a solid; the share allows a cap of
-# any size.
+# This repair step removes single triangles, which cannot be parts of a solid. The step allows a cap of any
+# size.
 _NO_STRAYS, _ANY_CAP = "debris:2", 99
-# The verdict calls pieces too small if there are more than FEW_PIECES pieces with fewer than SMALL_PIECE
-# faces on average. The level of the verdict does not depend on this limit.
+# Pieces are called too small if there are more than FEW_PIECES pieces with fewer than SMALL_PIECE faces on
+# average. The level of the verdict does not depend on this limit.
 SMALL_PIECE, FEW_PIECES = 10, 10
 
 
@@ -313,9 +313,9 @@ def _describe_flips(audit: Audit) -> str:
 class _Fault:
     """A kind of fault in a mesh.
 
-    The field `describe` returns a clause with the extent of the fault, or "" for a mesh without this fault.
-    The field `tasks` returns a clause with the tasks that the mesh is usable for if this fault is the
-    gravest.
+    The field `describe` is a function. It returns a clause with the extent of the fault, or "" for a mesh
+    without this fault. The field `tasks` is a function. It returns a clause with the tasks that the mesh is
+    usable for if this fault is the gravest.
     """
 
     level: Level

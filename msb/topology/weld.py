@@ -133,11 +133,10 @@ def _label_exact(points: NDArray[np.float32]) -> NDArray[Any]:
 
 
 def _to_stored(vertices: NDArray[Any]) -> NDArray[np.float32]:
-    """Return the vertices (V, 3) as a `.triasset` file stores them, so that a mesh gives the same result as
-    its asset.
+    """Return the vertices (V, 3) as a `.triasset` file stores them.
 
-    The vertices are float32 relative to their origin, with +0 in place of -0, so that equal values have
-    equal bits.
+    A mesh and its asset then have the same result. The vertices are float32 relative to their origin, with +0
+    in place of -0. Therefore equal values have equal bits.
     """
     return np.ascontiguousarray(to_local(vertices, find_origin(vertices)) + np.float32(0.0))
 

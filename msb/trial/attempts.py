@@ -1,9 +1,9 @@
 """Run the attempts at a task in child processes, so that a hang or a crash affects only one attempt.
 
-Libraries have absolute limits, in the unit of the coordinates: xatlas drops faces smaller than 1e-7, and
-fast-simplification cannot resolve errors below 1e-6. Therefore a mesh is moved to its centre, and scaled to a
-median face area of 1. Scaling the bounding box to size 1 would make most faces too small if a single face is
-far away.
+Libraries have absolute limits in the unit of the coordinates. For example, xatlas drops faces smaller than
+1e-7, and fast-simplification cannot resolve errors below 1e-6. Therefore a mesh is moved to its centre, and
+scaled to a median face area of 1. If a single face is far away, scaling the bounding box to size 1 would make
+most faces too small.
 """
 
 from __future__ import annotations

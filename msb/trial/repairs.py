@@ -63,8 +63,8 @@ TASKS = ("uv", "decimate_50", "subdivide", "boolean", "solid")
 class TierLikeness:
     """The similarity between renderings of a repaired asset and of the original on one renderer tier.
 
-    The field `psnr` is the average over the views in dB. It is None if all images are equal (`same`), or if
-    the tier cannot be rendered for the reason `why`.
+    The field `psnr` is the average over the views in dB. The value is None if all images are equal (`same`),
+    or if the tier cannot be rendered for the reason `why`.
     """
 
     psnr: float | None = None

@@ -2,8 +2,8 @@
 
 The prediction is our number plus the effect of each difference, which this module computes from the mesh. A
 bug in our audit therefore causes a disagreement, even if the definitions differ. Almost every effect comes
-from faces with a repeated index. Our definitions give faces with a repeated index no edges; most peers give
-them three vertex pairs. docs/definitions.md lists the differences.
+from faces with a repeated index. In our definitions, faces with a repeated index have no edges. For most
+peers, these faces have three vertex pairs.
 """
 
 from collections import defaultdict
@@ -236,7 +236,7 @@ def _expect_flag(quantity: str, call: str, ours: bool, theirs: bool, facts: Fact
 def expect_manifold3d(facts: Facts) -> list[Expected]:
     """Return whether manifold3d should accept the mesh.
 
-    manifold3d pairs half-edges in opposite directions, so it accepts an edge with two faces in each
+    manifold3d pairs half-edges in opposite directions. Therefore it accepts an edge with two faces in each
     direction. manifold3d requires at least four vertices and four faces.
     """
     counts, mesh = facts.counts, facts.analysis.mesh

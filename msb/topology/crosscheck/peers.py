@@ -1,6 +1,6 @@
 """Measure a mesh with each peer library. Only this module and `repairs.py` import the peers.
 
-Every function takes a mesh with at least one face and valid indices, and returns the peer's answers under the
+Every function takes a mesh with at least one face and valid indices. It returns the peer's answers under the
 names that `expected.py` uses. `ask_peers` runs the functions in separate processes, because peers print, hang
 or crash on some faulty meshes. Tested with libigl 2.6.3, PyMeshLab 2025.7.post1, manifold3d 3.5.4, trimesh
 5.2.0, NetworkX 3.6.1 and usd-validation-nvidia 1.22.0 with usd-core 26.8.
@@ -28,10 +28,10 @@ Answers = dict[str, Answer]
 
 @dataclass(frozen=True)
 class Peer:
-    """A peer library, and the function that measures a mesh with it: (V, 3) float64 vertices and (F, 3)
-    int64 faces.
+    """A peer library, and the function that measures a mesh with it.
 
-    Larger meshes than `max_faces` would take too much time or memory.
+    The function takes (V, 3) float64 vertices and (F, 3) int64 faces. Larger meshes than `max_faces` would
+    take too much time or memory.
     """
 
     module: str
@@ -105,7 +105,7 @@ def ask_manifold3d(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> A
     """Return whether manifold3d accepts the faces as a solid.
 
     manifold3d also rejects coordinates that are not finite in float32. Only connectivity is tested here, so
-    all coordinates are zero; manifold3d crashes on some meshes whose half-edges cannot be paired.
+    all coordinates are zero. manifold3d crashes on some meshes with half-edges that have no partner.
     """
     import manifold3d
 

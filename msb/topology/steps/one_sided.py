@@ -5,7 +5,7 @@ rotation is reversed at its end. A cut along the loop removes the loop. In the s
 counts as one vertex. Therefore a cut from one rim to another rim is also a loop. A strip is cut across its
 width.
 
-Turning faces never makes a one-sided loop consistent: the loop always passes an edge whose two faces have
+Turning faces never makes a one-sided loop consistent. The loop always passes an edge whose two faces have
 opposite windings. The search for short loops therefore starts at edges whose two faces have opposite
 windings. The search finds many loops in one pass. A loop of edges is cut only if its two sides cannot be
 wound consistently.
@@ -34,9 +34,9 @@ def cut_one_sided(
 ) -> tuple[Change, int, int]:
     """Return the change, the number of cuts, and the number of cut edges. No component stays one-sided.
 
-    Components are joined across two-face edges. Copies of the vertices along a cut are last; faces keep
-    their positions. A mesh without one-sided components is not changed. With `only_manifold`, a mesh that
-    has an edge with more than two faces is also not changed, because cutting would separate all such edges.
+    Components are joined across two-face edges. Copies of the vertices along a cut are last; faces keep their
+    positions. A mesh without one-sided components is not changed. If `only_manifold` is true, a mesh with
+    edges of more than two faces is not changed, because cutting would separate all such edges.
     """
     change, cuts, edges = unchanged(faces, vertex_count), 0, 0
     while True:

@@ -17,8 +17,8 @@ def orient(faces: NDArray[Any], vertex_count: int, *, only_turn: bool = False) -
 
     Components are joined across two-face edges. In each component the minority of faces is turned. If exactly
     half of the faces would be turned, the first face keeps its winding. A one-sided component, such as a
-    Moebius strip, is cut first. The cut copies vertices; a note gives the number of cuts and cut edges. With
-    `only_turn`, a mesh that has an edge with more than two faces is not cut, because cutting would separate
+    Moebius strip, is cut first. The cut copies vertices; a note gives the number of cuts and cut edges. If
+    `only_turn` is true, a mesh with edges of more than two faces is not cut, because cutting would separate
     all such edges. The step takes O(F log F) time without one-sided components.
     """
     change, cuts, edges = cut_one_sided(faces, vertex_count, only_manifold=only_turn)

@@ -101,9 +101,10 @@ def _find_apexes(mesh: HalfEdgeMesh, group: NDArray[Any]) -> NDArray[Any]:
 def _compute_directions(
     mesh: HalfEdgeMesh, points: NDArray[Any], group: NDArray[Any]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return unit vectors (n, k, 3) in each face at a right angle to the edge, and (n, 3) along the edge.
+    """Return two arrays of unit vectors.
 
-    The vectors are zero for a face without height or an edge without length.
+    The vectors (n, k, 3) lie in each face at a right angle to the edge, and the vectors (n, 3) lie along the
+    edge. The vectors are zero for a face without height or an edge without length.
     """
     ends = np.sort(np.stack([mesh.origin[group[:, 0]], mesh.origin[next_in_face(group[:, 0])]]), axis=0)
     low, high = points[ends].astype(np.float64)
@@ -150,7 +151,10 @@ def _choose_cheapest(table: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[
 
 
 def _pair_opposite(sides: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[Any]:
-    """Return the pairs (n, k // 2, 2) of faces half a turn apart in the order around each edge."""
+    """Pair the faces that are half a turn apart in the order around each edge.
+
+    Return the pairs (n, k // 2, 2).
+    """
     count, size, _ = sides.shape
     axis = np.zeros_like(along)
     axis[np.arange(count), np.abs(along).argmin(axis=1)] = 1

@@ -53,8 +53,7 @@ def find_sides(count: int, first: NDArray[Any], second: NDArray[Any], differ: ND
 
 
 def _find_sides_of_parts(count: int, first: NDArray[Any], second: NDArray[Any]) -> Sides:
-    """Assign each of `count` nodes to one of two sides, so that the nodes of every pair are on opposite
-    sides."""
+    """Assign each of `count` nodes to one of two sides. The nodes of every pair must be on opposite sides."""
     labels = _label_double_cover(count, first, second)
     one_sided = labels[:count] == labels[count:]
     if one_sided.any():

@@ -18,7 +18,7 @@ from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, c
 from msb.trial.tasks.decimate import decimate_with_pymeshlab, draw_side_by_side
 
 # Limits of the distance from the visible surface to the shape for "works" and for "works with limitations".
-# The limit applies to the 95 % quantile of the distance over the surface, as a fraction of the bounding-box
+# The limit applies to the 95 % quantile of the distances on the surface. The unit is the bounding-box
 # diagonal.
 NEAR, FAR = 0.02, 0.05
 # Limits of the protruding fraction of the shape for "works" and for "works with limitations". A part of the

@@ -45,8 +45,8 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
     given = build_half_edges(stored, len(used))
     crowded = int(np.count_nonzero(given.multiplicity > 2))
     clashes = len(given.two_face_halfedges[0]) - len(find_agreeing_halfedges(given)[0])
-    # Make the winding consistent, cut the mesh, and subdivide it. origin (W,) is the old vertex of each new
-    # vertex.
+    # Make the winding consistent, cut the mesh, and subdivide it. The array `origin` (W,) has the old vertex
+    # of each new vertex.
     turned = turn_faces(stored, len(used)).faces
     cut, origin = cut_apart(turned, len(used))
     matrix, faces = igl.loop_matrix(cut, len(origin))

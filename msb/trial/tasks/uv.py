@@ -68,12 +68,13 @@ _NONE = np.uint32(0xFFFFFFFF)
 
 
 def measure_stretch(vertices: NDArray[Any], faces: NDArray[np.int64], uv: NDArray[Any]) -> float | None:
-    """Return the L2 stretch of the UV map `uv` (V, 2), 1 without distortion; None without area.
+    """Return the L2 stretch of the UV map `uv` (V, 2).
 
-    Sander et al., "Texture Mapping Progressive Meshes", 2001, section 3, define the L2 stretch. The stretch
-    is the root mean square of the singular values of the map from the texture to the surface. The mean is
-    weighted by surface area. Before the measurement, the map is scaled to the area of the surface. Faces
-    without area on the surface or in the texture are ignored.
+    A map without distortion has the stretch 1. Return None for a mesh without area. Sander et al., "Texture
+    Mapping Progressive Meshes", 2001, section 3, define the L2 stretch. The stretch is the root mean square
+    of the singular values of the map from the texture to the surface. The mean is weighted by surface area.
+    Before the measurement, the map is scaled to the area of the surface. Faces without area on the surface or
+    in the texture are ignored.
     """
     # Two edges (F, 3) of each face on the surface, and the same two edges (F, 2) in the texture.
     corners, mapped = (values[faces].astype(np.float64) for values in (vertices, uv))
