@@ -38,7 +38,7 @@ def matches(path: Path) -> list[Path]:
 
 
 def inputs_at(path: Path) -> list[Path]:
-    """Return an input itself; for a folder, return its assets, checkpoints and mesh files, sorted."""
+    """Return an input itself. For a folder, return its assets, checkpoints and mesh files, sorted."""
     if not _is_folder(path) or is_asset(path) or is_checkpoint(path):
         return [path]
     inputs = sorted(_find_below(path))

@@ -207,7 +207,7 @@ class FolderContainer:
 
 
 def _map_member(path: Path, member: str, *, asset: object) -> tuple[mmap.mmap | bytes, os.stat_result]:
-    """Map the file at `path` read-only; the file is the member `member` of `asset`.
+    """Map the file at `path` read-only. The file is the member `member` of `asset`.
 
     Return the mapping and the file's status.
 

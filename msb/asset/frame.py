@@ -27,7 +27,7 @@ _ROUNDED = 1e-6
 
 @dataclass(frozen=True)
 class Frame:
-    """Known properties of the frame of a capture; None for an unknown property.
+    """Known properties of the frame of a capture. Unknown properties are None.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ def parse_up(text: str) -> Vector:
 
 
 def unit_vector(vector: Sequence[float]) -> Vector:
-    """Return a vector scaled to length 1; a vector without a direction raises USAGE."""
+    """Return a vector scaled to length 1. A vector without a direction raises USAGE."""
     length = math.hypot(*vector)
     if not 0 < length < math.inf:
         raise UsageError("USAGE", "--up is zero; it must be a vector with a direction")

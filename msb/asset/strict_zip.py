@@ -212,7 +212,7 @@ class _Parser:
         return Member(name, crc, size, header, start, data_end), after
 
     def local_entry(self, name: str, raw: bytes, flags: int, central: tuple[int, int, int]) -> int:
-        """Check the local header against the central header; return the start of the data."""
+        """Check the local header against the central header. Return the start of the data."""
         crc, size, header = central
         label = shorten(name)
         fields = self.record(LOCAL, header, b"PK\x03\x04", "local header")

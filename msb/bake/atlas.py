@@ -1,6 +1,6 @@
 """This module makes texture coordinates.
 
-A triangle soup gets one texture cell per face; xatlas cuts a connected mesh into charts.
+A triangle soup gets one texture cell per face. The library xatlas cuts a connected mesh into charts.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _MIN_SCALE = 0.7
 # Both legs of a face are shortened by this number of texels. Rounding to float32 then cannot move a corner
 # out of its cell.
 _SLACK = 1 / 64
-# Number of bisection steps for the largest scale that fits; 16 steps find this scale to within 2^-15.
+# Number of bisection steps for the largest scale that fits. With 16 steps, the scale is exact to 2^-15.
 _BISECTIONS = 16
 # Largest ratio of the two legs of a face in the texture. A narrower face would need too many texels for its
 # margin.
@@ -46,7 +46,7 @@ _UNWRAP_LIMITS = Limits(seconds=900.0, memory=None)
 _PADDING = 4
 # Texture coordinates are multiples of 1 / 65535, which files store in two bytes without loss.
 _COORDINATE_STEPS = 65535
-# Smallest scale of a chart relative to the median chart; the largest scale is its inverse. Without limits on
+# Smallest scale of a chart relative to the median chart. The largest scale is its inverse. Without limits on
 # the scale, charts that a camera views from very near would fill the whole texture.
 _MIN_CHART_SCALE = 1 / 4
 
@@ -167,7 +167,7 @@ def _make_cells(legs: Floats, block: int) -> _Cells:
 def _fill_rows(sides: Ints, blocks: int) -> Ints | None:
     """Place texture cells in rows, the highest first.
 
-    Return their places (C, 2), or None if the cells do not fit.
+    Return the places (C, 2) of the cells. Return None if the cells do not fit.
     """
     order = np.lexsort((-sides[:, 0], -sides[:, 1]))
     width, height = sides[order].T
@@ -193,7 +193,7 @@ def _place_corners(cells: _Cells, places: Ints, block: int) -> Floats:
     place, sides = (block * values[cells.cell][:, None] for values in (places, cells.sides))
     legs = block * cells.legs[:, None]
     corners = block / 2 + (legs - _SLACK) * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    # Rotate the second face of a cell by 180 degrees; place faces without size at texel centres.
+    # Rotate the second face of a cell by 180 degrees. Place faces without size at texel centres.
     turned = np.where(cells.number[:, None, None] > 0, sides - corners, corners)
     points = np.stack([cells.number % block, cells.number // block], axis=1)[:, None] + 0.5
     return np.asarray(place + np.where(legs > 0, turned, points))
@@ -298,7 +298,7 @@ def _cut_charts(vertices: Singles, faces: NDArray[np.uint32]) -> tuple[Floats, I
         used, local = np.unique(faces[block], return_inverse=True)
         cut.add_mesh(vertices[used], local.reshape(-1, 3).astype(np.uint32))
     cut.generate()
-    # Join the blocks again; number the vertices one block after the other.
+    # Join the blocks again. Number the vertices one block after the other.
     joined = np.zeros(faces.shape, np.int64)
     places: list[Floats] = []
     charts: list[Ints] = []
@@ -310,8 +310,8 @@ def _cut_charts(vertices: Singles, faces: NDArray[np.uint32]) -> tuple[Floats, I
         places.append(uv.astype(np.float64) * (cut.width, cut.height))
         charts.append(np.asarray(cut.get_mesh_vertex_assignment(number)[1]).astype(np.int64))
     chart = np.concatenate(charts)
-    # xatlas assigns faces without an area to no chart; their chart number is huge. Faces without an area are
-    # invisible, so assign them to any chart.
+    # xatlas assigns faces without an area to no chart. Their chart number is huge. Faces without an area are
+    # invisible, so any chart is suitable.
     chart[chart >= cut.chart_count] = 0
     return np.concatenate(places), joined, chart
 

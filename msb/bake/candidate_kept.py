@@ -16,7 +16,7 @@ from msb.repair.plan import Options
 # of the faces, so 60 rounds try each face about five times.
 _ROUNDS, _VALIDATION_STEP, _PATIENCE = 60, 5, 6
 # Number of pixels of the largest image that is used to select faces. Selection takes longer with larger
-# images; colours are always fitted to the full images.
+# images. Colours are always fitted to the full images.
 _SELECTION_PIXELS = 1 << 17
 # If faces cover fewer pixels than this in an average view, the selection uses images with four times the
 # pixels. With the larger images, the fit of a garden scene with small faces reaches 21.8 dB.
@@ -31,8 +31,8 @@ def make_kept(asset: Asset, context: SearchContext, weights: BlendingWeights | N
 
     The validation images decide which triangles are pruned. If the images are standard-tier images of the
     same triangles, no triangle is pruned. Shared vertices stay shared and have one colour. A mesh that is not
-    manifold or not consistently wound is repaired. Unseen triangles of a connected mesh keep their colours;
-    unseen triangles of a soup are dropped.
+    manifold or not consistently wound is repaired. Unseen triangles of a connected mesh keep their colours.
+    Unseen triangles of a soup are dropped.
 
     Raises
     ------

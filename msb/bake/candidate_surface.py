@@ -59,8 +59,8 @@ _MAX_ERROR_RATIO = 0.75
 _MIN_SECONDS_TO_COMPARE = 2.0
 # A note is printed if the face count differs from the budget by more than this factor.
 _BUDGET_TOLERANCE = 1.25
-# Up to this face budget, a reduction in two steps is tried as well, because it preserves thin parts. With a
-# larger budget the reduction in two steps is rarely better.
+# Up to this face budget, a reduction in two steps is also tried, because two steps preserve thin parts. With
+# a larger budget the reduction in two steps is rarely better.
 _TWO_STEP_FACES = 4_000
 # The error of a search state is multiplied by this power of its bending, divided by the bending at the start.
 # So a surface with 10 % more bending must have a PSNR gain of 0.2 dB.
@@ -133,7 +133,7 @@ def make_surface(
 
 
 def _choose_grid(reduce_grid: Callable[[int], ReducedSurface]) -> ReducedSurface:
-    """Make surfaces with several grid sizes; return the one with the smallest validation error.
+    """Make surfaces with several grid sizes. Return the surface with the smallest validation error.
 
     A coarse grid is better for a soup that only few views show. A fine grid suits thin parts such as leaves.
     """
@@ -312,12 +312,12 @@ def _make_shape_weight(points: Floats, faces: Ints, space: Space) -> Callable[[S
 
 
 def _reduce(surface: ClosedSurface, budget: int, context: SearchContext) -> ReducedSurface:
-    """Make two or three surfaces with about `budget` faces and without crossing faces; return the best.
+    """Make two or three surfaces with about `budget` faces and without crossing faces.
 
-    In the first surface, unseen parts are made coarse before the reduction. The second surface is best unless
-    coarse parts cut through visible parts of the surface. In the second surface, unseen parts are not made
-    coarse. With a small budget, a third surface is made. It is reduced to twice as many faces, its thin parts
-    are repaired, and it is reduced again.
+    Return the best surface. In the first surface, unseen parts are made coarse before the reduction. The
+    second surface is best unless coarse parts cut through visible parts of the surface. In the second
+    surface, unseen parts are not made coarse. With a small budget, a third surface is made. The third surface
+    is reduced to twice as many faces, its thin parts are repaired, and it is reduced again.
     """
     budget, original_faces = max(budget, MIN_CLOSED_FACES), len(surface.faces)
     cameras, space = context.training.cameras, surface.space
@@ -345,7 +345,10 @@ def _reduce_uncrossed(surface: ClosedSurface, count: int, context: SearchContext
 
 
 def _measure_validation_error(surface: ClosedSurface, context: SearchContext) -> float:
-    """Return the validation error of a surface with the best vertex colours; infinity without faces."""
+    """Return the validation error of a surface with the best vertex colours.
+
+    Without faces, the error is infinity.
+    """
     if not len(surface.faces):
         return math.inf
     soup = Soup.from_mesh(_to_mesh(surface), share_colors=True)

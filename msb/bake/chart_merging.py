@@ -25,7 +25,7 @@ _SNAP = 0.3
 # An unfolded face is tried with these heights above the shared edge, relative to its true height. The last
 # heights in the list are for faces in a gap of a chart, where the surface has a spike.
 _HEIGHTS = (1.0, 0.8, 0.6, 0.3, 0.1)
-# For overlap tests, faces are shrunk to this size about their centres. Faces with a shared edge then do not
+# For overlap tests, each face is shrunk to this size about its centre. Faces with a shared edge then do not
 # overlap.
 _SHRINK = 0.97
 # Limits of the area of a face in the plane, divided by its area on the surface. The ratio is relative to the
@@ -60,7 +60,7 @@ class _Merging:
     def __init__(self, points: Floats, faces: Ints, plane: Floats, chart: Ints, area: Floats) -> None:
         self.plane, self.chart = plane, chart
         self._points, self._faces, self._area = points, faces, area
-        # Orientation of a face in its chart, because xatlas may mirror a whole chart.
+        # The orientation of a face in its chart is stored, because xatlas may mirror a whole chart.
         self._sign = np.sign(_signed_areas(plane))
         sides = np.linalg.norm(plane - np.roll(plane, 1, axis=1), axis=2)
         self._cell = float(max(np.median(sides), 1e-12)) * 2
@@ -85,7 +85,7 @@ class _Merging:
             self._grow(hosts, free)
 
     def _grow(self, hosts: list[int], free: set[int]) -> None:
-        """Move free faces into the charts of the placed faces `hosts`; moved faces are no longer free."""
+        """Move free faces into the charts of the placed faces `hosts`. Moved faces are no longer free."""
         for face in hosts:
             self._register(face)
         queue: list[tuple[float, int, int]] = []
@@ -110,7 +110,7 @@ class _Merging:
         return [(min(pair), max(pair)) for pair in ((a, b), (b, c), (c, a))]
 
     def _unfold(self, face: int, host: int) -> bool:
-        """Place a face next to `host`, about their common edge; return whether the face fits."""
+        """Place a face next to `host`, about their common edge. Return whether the face fits."""
         ours, theirs = self._faces[face].tolist(), self._faces[host].tolist()
         edge = [vertex for vertex in ours if vertex in theirs]
         if len(edge) != 2:

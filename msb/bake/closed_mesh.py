@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 # Extraction.
 #
-# Smallest absolute vote of a cell; a vote of 1 means a distance of 3 cells. If a cell had the vote 0, all
+# Smallest absolute vote of a cell. A vote of 1 means a distance of 3 cells. If a cell had the vote 0, all
 # surface points around the cell would coincide, and their faces would have no area.
 _MIN_VOTE = 0.002
 
@@ -56,8 +56,8 @@ _MIDDLE_RADIUS = 0.3
 # A face is a sliver if its area, relative to the median area, is below this limit. Other libraries drop such
 # slivers.
 _SLIVER_AREA = 1e-3
-# Largest number of rounds of a surface repair. If a round leaves open faces, the repair removes them and
-# starts again.
+# Largest number of rounds of a surface repair. If a round leaves open faces, the repair removes these faces
+# and starts again.
 _REPAIR_ROUNDS = 5
 # Largest number of rounds of smoothing the corners of crossing faces. After every `_WIDEN_ROUNDS` rounds, one
 # more ring of neighbours is smoothed as well.
@@ -87,7 +87,7 @@ def extract_boundary(values: Singles, grid: Grid, outside: float) -> tuple[Float
 
 
 def label_parts(points: Floats | Singles, faces: Ints) -> NDArray[np.int32]:
-    """Return the number (F,) of the part that each face belongs to; different parts share no vertex."""
+    """Return the number (F,) of the part that each face belongs to. Different parts share no vertex."""
     _, label = label_components(len(points), faces[:, :2].reshape(-1), faces[:, 1:].reshape(-1))
     return label[faces[:, 0]]
 
@@ -104,7 +104,7 @@ def select_visible_parts(points: Floats, faces: Ints, pixels: Ints, least: float
 
 
 def drop_unused_points(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Return the points that faces use, in their previous order, and the renumbered faces."""
+    """Return the points that faces use, in their previous order. Also return the renumbered faces."""
     used = np.zeros(len(points), bool)
     used[faces] = True
     return points[used], (np.cumsum(used) - 1)[faces]
@@ -122,7 +122,7 @@ def reduce_faces(points: Floats, faces: Ints, count: int, space: Space) -> tuple
 
 
 def remove_detail(points: Floats, faces: Ints, count: int, space: Space) -> tuple[Floats, Ints]:
-    """Remove detail that `count` faces cannot show, which saves time in later steps; return the surface."""
+    """Remove detail that `count` faces cannot show, which saves time in later steps. Return the surface."""
     return _reduce(points, faces, _DETAIL_FACTOR * count, space, _AGGRESSIVENESS)
 
 
@@ -173,7 +173,7 @@ def coarsen_unseen(
 def _collapse_edges(
     points: Floats, faces: Ints, count: int, aggressiveness: int
 ) -> tuple[Floats, Ints, NDArray[np.int32]]:
-    """Reduce the surface to about `count` faces; also return the collapsed edges (n, 2) in their order.
+    """Reduce the surface to about `count` faces. Also return the collapsed edges (n, 2) in their order.
 
     An edge is a pair of vertex numbers: the vertex that stays and the vertex that is removed.
     """
@@ -234,7 +234,7 @@ def _drop_flaps(faces: Ints) -> Ints:
 
 
 def _close_holes(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Return the surface with its holes closed; a fan around the average of the rim closes each hole."""
+    """Return the surface with its holes closed. A fan around the average of the rim closes each hole."""
     change = close(points, faces, most_edges=1 << 30, most_share=1.0)
     is_new = change.vertex_map < 0
     placed = points[change.vertex_map]
@@ -304,7 +304,7 @@ def _find_slivers(points: Floats, faces: Ints) -> Ints:
 
 
 def revert_crossings(points: Floats, good: Floats, faces: Ints, space: Space) -> Floats:
-    """Move the corners of crossing faces back to their places in `good` (V, 3); return the points (V, 3).
+    """Move the corners of crossing faces back to their places in `good` (V, 3). Return the points (V, 3).
 
     In the result, two faces only cross if they also cross in `good`.
     """

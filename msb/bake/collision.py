@@ -57,13 +57,13 @@ _SKY_RADIUS = 1.9
 
 # Shapes.
 #
-# Share of a sheet's faces on its visible side, and thickness of the sheet in near radii. The remaining faces
-# form the back and the rims of the sheet.
+# Two values for a sheet: the share of its faces on the visible side, and its thickness in near radii. The
+# remaining faces form the back and the rims of the sheet.
 _FRONT_SHARE, _SHEET_THICKNESS = 0.45, 0.02
 # A surface is first simplified to this multiple of its face budget, then to the budget. Simplification in a
 # single step would give a far worse shape.
 _FIRST_STEP_FACTOR = 8
-# Largest number of hulls of surface patches; it limits the time to cut the patches.
+# Largest number of hulls of surface patches. The number limits the time to cut the patches.
 _MAX_HULLS = 256
 # A convex part covers all points within this distance.
 _TOUCH_DISTANCE = 1e-3
@@ -82,7 +82,7 @@ class Collision:
     Attributes
     ----------
     mesh : Mesh
-        Closed and consistently wound float32 mesh without colours. Hulls and boxes are wound outwards; a mesh
+        Closed and consistently wound float32 mesh without colours. Hulls and boxes are wound outwards. A mesh
         keeps the winding of the visible surface. The faces are sorted by hull.
     kind : {"mesh", "hulls", "box"}
         The kind that was made, which may differ from the requested one.
@@ -240,9 +240,9 @@ def _find_visible(
 def _normalize(mesh: Mesh, visible: Floats) -> tuple[Floats, Ints, Floats, float]:
     """Return the points and faces of the mesh relative to an origin, in a unit of length.
 
-    Also return the origin and the unit. The origin is the centre of the visible points (n, 3), and the unit
-    is the diagonal of their box. Without visible points all points of the mesh are used. In an open mesh,
-    vertices with equal positions are merged, because they may only differ in colour.
+    Also return the origin and the unit. The origin is the centre of the visible points (n, 3). The unit is
+    the diagonal of their bounding box. Without visible points all points of the mesh are used. In an open
+    mesh, vertices with equal positions are merged, because they may only differ in colour.
     """
     if not len(mesh.faces):
         raise MeshError("MESH_ARRAY", "the mesh has no faces, so no collision shape can be made")
@@ -294,8 +294,8 @@ def _reduce(solid: PointsAndFaces, count: int) -> PointsAndFaces:
     """Reduce a surface to about `count` faces, or to more faces if the shape would be destroyed."""
     finer = simplify(*solid, _FIRST_STEP_FACTOR * count)
     reduced = simplify(*finer, count)
-    # If the library cannot reach the requested count, it removes whole sides. In that case, allow twice the
-    # number of faces.
+    # If the library cannot reach the requested count, the library removes whole sides. In that case, allow
+    # twice the number of faces.
     while count < len(reduced[1]) < len(finer[1]):
         if measure_distances(sample_surface(*finer)[0], *reduced).mean() <= PROTRUSION:
             break

@@ -89,8 +89,8 @@ def bake(
 
     The mesh is fitted to native renderings of the model in the views of --scene or --cameras. If neither
     --scene nor --cameras is given, the views are the training cameras beside the model, or generated views.
-    The printed PSNR is measured on held-out views. With --scene, photographs are the reference images;
-    otherwise native renderings are.
+    The printed PSNR is measured on held-out views. With --scene, photographs are the reference images.
+    Without --scene, native renderings are the reference images.
 
     An output folder contains asset.glb with its levels of detail and its collision shape, bake.json (the
     output of --json), preview.png, and index.html, a page with all results. In an existing folder, only files

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from msb.cl import Buffer, Device
     from msb.scenes import Camera
 
-# Distances in cells. A cell has the largest vote, 1, if it is at least `REACH` in front of a surface. The
-# surface hides a cell more than `BEHIND` behind it, so the view does not vote on this cell. `BEHIND` is
-# smaller than `REACH`, so that views of the two sides of a thin sheet do not cancel their votes. If both
-# distances were equal, thin leaves would vanish from the solid.
+# Distances in cells. A cell has the largest vote, 1, if it is at least `REACH` in front of a surface. A
+# surface hides cells more than `BEHIND` behind the surface, so a view does not vote on such cells. `BEHIND`
+# is smaller than `REACH`, so that the votes of views from two sides of a thin sheet do not cancel. Thin
+# leaves would vanish from the solid if both distances were equal.
 REACH, BEHIND = 3.0, 1.5
 # The surface is moved outwards by this number of cells, so that thin sheets and stems become solids that the
 # grid can resolve. `pull_in` moves the surface back where the solid is thick.
@@ -36,7 +36,7 @@ THICKNESS = 1.0
 # this ratio, the cell counts as solid. The few views that see the cell probably look through a hole in the
 # soup.
 MIN_SEEN_RATIO = 0.05
-# Number of steps of `pull_in`; each step interpolates the grid once.
+# Number of steps of `pull_in`. Each step interpolates the grid once.
 _PULL_STEPS = 5
 # Work-items of a work-group.
 _GROUP = 64
@@ -92,11 +92,14 @@ class DepthRenderer(StandardRenderer):
         self._fuse = self._device.program("bake_fuse", {"RECORD": _RECORD, "UNKNOWN": UNKNOWN})
 
     def read_depth(self, camera: Camera) -> Singles:
-        """Return the depth map (H, W) of a camera, in units of `camera.unit`; 0 at empty pixels."""
+        """Return the depth map (H, W) of a camera, in units of `camera.unit`.
+
+        Empty pixels have the depth 0.
+        """
         return self.render(camera.in_units(), _BLACK).depth
 
     def draw_depth(self, camera: Camera) -> Buffer:
-        """Queue the rendering of a depth map; return its buffer."""
+        """Queue the rendering of a depth map. Return its buffer."""
         return self._run(camera.in_units(), _BLACK, everything=True)["depth"]
 
     def sample_visible_points(self, cameras: Sequence[Camera]) -> Floats:
@@ -161,9 +164,9 @@ class DepthRenderer(StandardRenderer):
 class NativeDepthRenderer(DepthRenderer):
     """Lets the depth maps of Gaussians, instead of a mesh, vote on grid cells.
 
-    The depth of a pixel is the depth of the Gaussian that reduces the transmittance below one half. The depth
-    is measured where the ray meets the highest density. Pixels that the Gaussians cover by less than half are
-    empty.
+    The depth of a pixel is the depth of the first Gaussian at which the transmittance is below one half. The
+    depth is measured where the ray meets the highest density. Pixels that the Gaussians cover by less than
+    half are empty.
     """
 
     def __init__(self, model: Asset, device: str | Device | None = None) -> None:
@@ -186,7 +189,7 @@ class NativeDepthRenderer(DepthRenderer):
 
 
 def find_visible_points(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Floats:
-    """Return world points (n, 3) of a mesh that the cameras see; empty without cameras."""
+    """Return world points (n, 3) of a mesh that the cameras see. The result is empty without cameras."""
     if not cameras:
         return np.zeros((0, 3))
     with closing(DepthRenderer(mesh, device)) as renderer:
@@ -275,7 +278,7 @@ def _make_shell_votes(grid: Grid) -> Singles:
 
 
 def _make_record(camera: Camera, space: Space) -> Singles:
-    """Return the values (_RECORD,) of a camera for the kernel; the unit of length is `space.radius`."""
+    """Return the values (_RECORD,) of a camera for the kernel. The unit of length is `space.radius`."""
     pose = camera.world_to_camera[:3].copy()
     pose[:, 3] = (pose[:, :3] @ space.center + pose[:, 3]) / space.radius
     image = camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height

@@ -61,7 +61,7 @@ class StepSchedule:
         self._is_short = False
 
     def finish_step(self, step: int) -> float:
-        """Count a finished step; return the finished share of the search, 1 at its end."""
+        """Count a finished step. Return the finished share of the search, which is 1 at its end."""
         stop = self._progress(step, self._steps)
         self._taken = step
         now, left = time.monotonic(), self._planned - step
@@ -112,7 +112,7 @@ class Adam:
         The argument `square` is the mean squared gradient over all coordinates with the same scale. Its shape
         must broadcast to `gradient`.
         """
-        # Running averages. Both running averages start at 0; the divisions by 1 - decay^step correct this
+        # Running averages. Both running averages start at 0. The divisions by 1 - decay^step correct this
         # bias.
         self._step += 1
         self._gradient = _MOMENTUM * self._gradient + (1 - _MOMENTUM) * gradient
@@ -135,7 +135,7 @@ def move_faces(
     most: int | None,
     schedule: StepSchedule,
 ) -> Soup:
-    """Move the corners of the selected faces; return the state with the smallest validation error.
+    """Move the corners of the selected faces. Return the state with the smallest validation error.
 
     Step lengths fall from the first to the last value of `step_lengths`, relative to the size of a face. At
     most `most` faces are selected at the end. If faces cover fewer than `MIN_FACE_PIXELS` pixels on average,
@@ -153,13 +153,13 @@ def move_faces(
         step += 1
         soup.upload(renderer)
         seen = renderer.sum_faces(sample_views(renderer, random))
-        # Move the corners (F, 3, 3); the nine coordinates of a face share one scale.
+        # Move the corners (F, 3, 3). The nine coordinates of a face share one scale.
         gradients = seen.gradients.astype(np.float64)
         move = adam.compute_move(gradients, np.square(gradients).mean(axis=(1, 2), keepdims=True))
         first, last = step_lengths
         length = first + (last - first) * share
         soup.corners -= (length * _measure_face_sizes(soup)[:, None, None] * move).astype(np.float32)
-        # Fit the colours, select faces and validate, each at its own interval of steps.
+        # Fit the colours, select faces and validate at different intervals of steps.
         sums = seen.sums if sums is None else COLOR_DECAY * sums + seen.sums
         if step % COLOR_STEPS == 0:
             soup.fit_colors(seen._replace(sums=sums))

@@ -81,7 +81,7 @@ def _pick_faces(soup: Soup, random: np.random.Generator, pool: Mask) -> Ints:
 
 
 def _measure_toggle(soup: Soup, renderer: SoupRenderer, random: np.random.Generator, chosen: Ints) -> Floats:
-    """Hide or show each chosen face; return the error increase (views, n) that each face causes."""
+    """Hide or show each chosen face. Return the error increase (views, n) that each face causes."""
     owner = np.full(len(soup.selected), -1, np.int32)
     owner[chosen] = np.arange(len(chosen), dtype=np.int32)
     soup.upload(renderer)

@@ -41,7 +41,7 @@ _FILTER_ROUNDS, _MOVE_ROUNDS = 3, 3
 class Neighbours(NamedTuple):
     """The faces around each face: all faces that share a vertex with the face, and the face itself.
 
-    The neighbours of face i are ``faces[starts[i]:starts[i + 1]]``; `owner` (n,) is i for each neighbour.
+    The neighbours of face i are ``faces[starts[i]:starts[i + 1]]``. For each neighbour, `owner` (n,) is i.
     """
 
     owner: Ints
@@ -76,9 +76,9 @@ def smooth(points: Floats, faces: Ints, turns: int) -> Floats:
 
 
 def fair(points: Floats, faces: Ints) -> Floats:
-    """Filter the normals and move the vertices of a surface in some turns; return the points (V, 3).
+    """Filter the normals and move the vertices of a surface in some turns. Return the points (V, 3).
 
-    A surface with few faces has few small dents, so it gets fewer turns or none.
+    A surface with few faces has few small dents. Therefore it gets fewer turns or none.
     """
     neighbours = find_neighbours(faces, len(points))
     average = make_neighbour_average(faces, len(points))
@@ -91,7 +91,7 @@ def fair(points: Floats, faces: Ints) -> Floats:
 
 
 def _unfold(points: Floats, faces: Ints, neighbours: Neighbours, average: csr_matrix) -> Floats:
-    """Unfold faces that are upside down; return the points (V, 3).
+    """Unfold faces that are upside down. Return the points (V, 3).
 
     A folded face lies upside down between its neighbours. The filter of normals cannot turn a folded face,
     because its normal differs too much from the normals around it. The corners of a folded face move half way
@@ -141,7 +141,7 @@ def filter_normals(points: Floats, faces: Ints, neighbours: Neighbours, rounds: 
 
 
 def follow_normals(points: Floats, faces: Ints, normals: Floats, share: float = 1.0) -> Floats:
-    """Move the points (V, 3) so that the faces turn towards the unit `normals` (F, 3); return the points.
+    """Move the points (V, 3) so that the faces turn towards the unit `normals` (F, 3). Return the points.
 
     A vertex v moves towards the planes of its adjacent faces. The move is `share` times the average of n
     dot(n, c - v), where a face has the normal n and the centre c.

@@ -44,7 +44,7 @@ def is_folder(path: Path) -> bool:
 
 
 def is_folder_output(paths: Sequence[Path]) -> bool:
-    """Return whether the output is a folder; reject a folder among several outputs.
+    """Return whether the output is a folder. Reject a folder among several outputs.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def is_folder_output(paths: Sequence[Path]) -> bool:
 
 
 def write_folder(baked: Baked, assets: Sequence[OutputAsset], folder: Path, overwrite: bool) -> Report:
-    """Write a bake as a complete folder or not at all; return the report with the written files.
+    """Write a bake as a complete folder or not at all. Return the report with the written files.
 
     The folder holds `ASSET`, its levels of detail, its collision shape, `preview.png` and a page. The report
     `bake.json` has relative file names.
@@ -81,7 +81,7 @@ def write_folder(baked: Baked, assets: Sequence[OutputAsset], folder: Path, over
 def _make_page(
     baked: Baked, assets: Sequence[OutputAsset], report: Report, name: str, image: bytes
 ) -> bytes | None:
-    """Return the page that shows each asset and the report; None if `msb.engines` is not installed."""
+    """Return the page that shows each asset and the report. Return None if `msb.engines` is not installed."""
     try:
         from msb.engines.engine import engine_mesh
         from msb.engines.webpage import fill_template, scene_to_json

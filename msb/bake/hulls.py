@@ -95,7 +95,7 @@ def _find_principal_axes(points: Floats) -> Floats:
 
 
 def _measure_volume(points: Floats) -> float:
-    """Return the volume of the convex hull; a flat hull is thickened first."""
+    """Return the volume of the convex hull. A flat hull is thickened first."""
     exact = _measure_exact_volume(points)
     return exact if exact >= _FLAT_VOLUME else _measure_exact_volume(_thicken(points))
 
@@ -115,7 +115,7 @@ def _thicken(points: Floats) -> Floats:
 
 
 def make_hull(points: Floats) -> PointsAndFaces:
-    """Return a convex hull of at most `PATCH_CORNERS` of the points; a flat hull is thickened."""
+    """Return a convex hull of at most `PATCH_CORNERS` of the points. A flat hull is thickened."""
     from scipy.spatial import ConvexHull
 
     # Extreme points in evenly spread directions, in coordinates scaled by the principal axes.
@@ -139,7 +139,7 @@ def fit_box(points: Floats) -> PointsAndFaces:
     """Return a small box around the points: the smallest box among several orientations.
 
     The orientations are the coordinate axes, the principal axes, and frames of large faces of the convex
-    hull. The frame of a face consists of its normal, an edge, and the direction across both.
+    hull. The frame of a face consists of its normal, an edge, and the direction perpendicular to both.
     """
     bases, corners = _make_hull_frames(points)
     axes = _find_principal_axes(points)

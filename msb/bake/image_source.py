@@ -83,7 +83,7 @@ class ImageSource:
         return self.native_images([camera.scaled(scale) if scale > 1 else camera for camera in cameras])
 
     def native_images(self, cameras: Sequence[Camera]) -> ViewImages:
-        """Return the native renderings of cameras; each image is drawn on first use."""
+        """Return the native renderings of cameras. Each image is drawn on first use."""
         backgrounds = [self._views.background_of(camera) for camera in cameras]
 
         def draw(camera: Camera) -> NDArray[np.uint16]:
@@ -122,7 +122,7 @@ class ImageSource:
         return ground_truth(self._views.scene, camera)
 
     def release(self) -> None:
-        """Free the memory of the renderer on the device; the next rendering opens the renderer again."""
+        """Free the memory of the renderer on the device. The next rendering opens the renderer again."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None

@@ -61,7 +61,7 @@ class ViewImages:
         return self.stored_image(number) * np.float32(1 / MAX_LEVEL)
 
     def stored_image(self, number: int) -> NDArray[np.uint16]:
-        """Return image `number` as (H, W, 3) uint16; the value `MAX_LEVEL` means 1."""
+        """Return image `number` as (H, W, 3) uint16. The value `MAX_LEVEL` means 1."""
         camera = self.cameras[number]
         if self._file is None:
             self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
@@ -81,7 +81,7 @@ class ViewImages:
         return _ImageSubset([(self, number) for number in numbers], [self.weights[k] for k in numbers])
 
     def with_coarser_levels(self, pixels: int) -> ViewImages:
-        """Return these images and halved copies; the smallest copies have at most `pixels` pixels.
+        """Return these images and halved copies. The smallest copies have at most `pixels` pixels.
 
         An image can be halved on four pixel grids, which are shifted 0 or 1 pixels to the right and down.
         Each image is halved on two grids that together cover all rows and columns. If there are many views,
@@ -170,7 +170,7 @@ class ViewImages:
 
 
 def quantize(image: Singles | NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """Return an image as uint16; the value `MAX_LEVEL` means 1. NaN becomes 0."""
+    """Return an image as uint16. The value `MAX_LEVEL` means 1. NaN becomes 0."""
     if image.dtype == np.uint16:
         return np.ascontiguousarray(image)
     scaled = image * np.float32(MAX_LEVEL)

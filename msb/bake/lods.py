@@ -135,12 +135,12 @@ def _reduce_open(
 
 
 def _report_step(context: SearchContext, stage: int, stages: int, step: int, _steps: int) -> bool:
-    """Report the progress within a stage; return whether to stop."""
+    """Report the progress within a stage. Return whether to stop."""
     return _report_progress(context, stage, stages, step, context.count_steps(_STEPS))
 
 
 def _report_progress(context: SearchContext, level: int, levels: int, done: int, total: int) -> bool:
-    """Report the progress over all levels; return whether to stop."""
+    """Report the progress over all levels. Return whether to stop."""
     return context.progress("levels of detail", level * total + done, levels * total)
 
 

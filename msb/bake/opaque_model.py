@@ -29,7 +29,7 @@ _VIEW_STEP = 2
 
 
 def hide_stray_faces(soup: Soup, renderer: SoupRenderer, best: BestState) -> Soup:
-    """Hide the stray faces of a soup; return the best state.
+    """Hide the stray faces of a soup. Return the best state.
 
     Faces that no training view shows are always hidden, because no image determines their place and colour.
     Faces that only a single view shows, and faces near a camera, are often haze that became opaque. Faces of

@@ -34,7 +34,7 @@ _MAX_COLLISION_SIZE = 1 << 20
 
 @dataclass(frozen=True)
 class BakeOptions:
-    """Options for the result, the images and the time of a bake; `msb.bake` describes each option.
+    """Options for the result, the images and the time of a bake. `msb.bake` describes each option.
 
     Raises
     ------
@@ -184,14 +184,14 @@ class BakeOptions:
 
     @property
     def lod_shares(self) -> tuple[float, ...]:
-        """The levels of detail as falling shares of the faces; empty by default."""
+        """The levels of detail as falling shares of the faces. The value is empty by default."""
         return () if self.lods is None else parse_lods(self.lods)
 
     @property
     def frame(self) -> Frame | None:
         """The up direction and the unit from the options, without the floor.
 
-        None if neither option is given.
+        The value is None if neither option is given.
         """
         return make_frame(self.up, self.scale, self.known_distance)
 
@@ -273,7 +273,7 @@ def parse_collision(text: str) -> tuple[CollisionKind, int]:
 
 
 def need_libraries(options: BakeOptions) -> None:
-    """Reject the geometry `surface` if libraries are missing; the error names all missing extras."""
+    """Reject the geometry `surface` if libraries are missing. The error names all missing extras."""
     if options.makes_surface:
         hulls = options.collision is not None and parse_collision(options.collision)[0] == "hulls"
         trial = ["fast_simplification", "xatlas", *(["coacd"] if hulls else [])]

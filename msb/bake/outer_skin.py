@@ -1,8 +1,8 @@
 """An outer skin makes the surface of an interior a solid with walls.
 
-The surface of a scene encloses the free space around the cameras. Therefore its faces look inwards, and its
-volume is negative. Booleans, 3D printing and physics need a solid with a positive volume. The skin is a
-second closed surface around the first surface, with faces that look outwards.
+The surface of a scene encloses the free space around the cameras. Therefore the faces of the surface look
+inwards, and its volume is negative. Booleans, 3D printing and physics need a solid with a positive volume.
+The skin is a second closed surface around the first surface, with faces that look outwards.
 """
 
 from __future__ import annotations
@@ -38,8 +38,9 @@ def is_interior(mesh: Mesh) -> bool:
 def add_outer_skin(mesh: Mesh, thickness: float) -> Mesh:
     """Append an outer skin to the vertices and faces of `mesh`, and return the result.
 
-    In each direction from the middle, the surface has a farthest point. The skin lies behind this point, at
-    `thickness` times its distance from the middle. The skin is grey, or has the colour of one texel.
+    In each direction from the middle, the surface has a farthest point. The skin lies behind this farthest
+    point. The distance between both is `thickness` times the distance of the point from the middle. The skin
+    is grey, or has the colour of one texel.
     """
     points = mesh.vertices.astype(np.float64)
     middle = np.median(points[np.unique(mesh.faces)], axis=0)

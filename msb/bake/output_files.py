@@ -1,4 +1,4 @@
-"""The files of a bake: several formats are written at once, all or none."""
+"""The files of a bake in several formats. Either all files are written, or none."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def list_output_files(paths: Sequence[Path], endings: Sequence[str] = ("",)) -> 
 def write_assets(
     assets: Sequence[OutputAsset], paths: Sequence[Path], overwrite: bool = False
 ) -> list[tuple[Path, int]]:
-    """Write assets to all paths in the formats of their suffixes; if one file fails, write no file.
+    """Write assets to all paths in the formats of their suffixes. If one file fails, write no file.
 
     For each asset, returns its file at the first path and the size in bytes. The size includes additional
     files that this file needs.
@@ -140,7 +140,7 @@ def _plan_writes(output: OutputAsset, place: Path) -> list[tuple[Path, WriteFile
 
 
 def _split_parts(mesh: Mesh) -> tuple[Mesh, ...]:
-    """Return the parts of a mesh; different parts share no vertex."""
+    """Return the parts of a mesh. Different parts share no vertex."""
     label = label_parts(mesh.vertices, mesh.faces)
     return tuple(with_faces(mesh, label == number) for number in np.unique(label))
 

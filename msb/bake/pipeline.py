@@ -40,7 +40,7 @@ from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.topology.faces import face_areas
 
-# Fitted triangles and one level of detail may each take this share of `seconds`.
+# The movement of fitted triangles, and each level of detail, may take this share of `seconds`.
 _FITTED_SHARE = 2 / 3
 # Each of the two searches of a surface may take this share of `seconds`. The first search fits the soup for
 # the depth maps, and the second search moves the vertices. Together with the steps that have no time limit, a
@@ -190,7 +190,7 @@ class BakePipeline:
         weights: BlendingWeights | None,
         stopped: Callable[[], bool],
     ) -> tuple[Mesh, Choice]:
-        """Make the named candidates; return the chosen candidate with its final colours."""
+        """Make the named candidates. Return the chosen candidate with its final colours."""
         candidates: dict[Geometry, Mesh] = {}
         candidate_notes: dict[Geometry, list[str]] = {}
         for name in names:
@@ -405,7 +405,7 @@ class BakePipeline:
     ) -> Mesh:
         """Return the final mesh for files, with colours fitted to the images.
 
-        Vertex colours are rounded to bytes. A texture has `size` texels along a side; the default is the
+        Vertex colours are rounded to bytes. A texture has `size` texels along a side. The default is the
         option `texture`.
         """
         cameras = images.limited_to(_IMAGE_SCALE**2 * self._pixels).cameras

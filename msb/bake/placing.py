@@ -19,9 +19,10 @@ _SIDE = 320
 def choose_frame(
     model: Asset, baked: Asset, views: BakeViews, options: BakeOptions, device: str | None
 ) -> Frame | None:
-    """Return the coordinate frame of the baked asset. Return None if it equals the frame of the model.
+    """Return the coordinate frame of the baked asset.
 
-    The up direction is given, else taken from the model, else estimated from the cameras of the scene.
+    Return None if this frame equals the frame of the model. The up direction is given, else taken from the
+    model, else estimated from the cameras of the scene.
     """
     frame = options.frame or Frame()
     if frame.up is None and views.scene is not None and model.manifest.coordinate_frame.known_up is None:
@@ -42,7 +43,10 @@ def move_frame(frame: Frame | None, origin: Origin) -> Frame | None:
 def _find_floor(
     baked: Asset, views: BakeViews, up: tuple[float, float, float], device: str | None
 ) -> float | None:
-    """Return the lowest height along `up` that at least two views show; None if no surface is visible."""
+    """Return the lowest height along `up` that at least two views show.
+
+    Return None if no surface is visible.
+    """
     lowest, direction = [], np.array(up)
     with Renderer(baked, "standard", device) as renderer:
         for camera in (*views.training, *views.validation, *views.test):

@@ -143,8 +143,7 @@ class CollisionReport:
 
 @dataclass(frozen=True)
 class ShapeReport:
-    """The shape of a connected mesh, and its difference from a true surface (`msb.bake.shape`).
-    """
+    """The shape of a connected mesh, and its difference from a true surface (`msb.bake.shape`)."""
 
     bending: Bending
     truth: TrueShape | None = None
@@ -365,7 +364,7 @@ def list_quality_notes(supervision: Supervision, native: Psnr | None, photograph
 
 
 def list_coverage_notes(views: BakeViews, unseen_area: float) -> list[str]:
-    """Return notes if the views show too little of the model, or show it too small."""
+    """Return notes if the views show too little of the model, or if the model is too small in the views."""
     notes = [] if views.why_not_judged is None else [f"quality was not measured: {views.why_not_judged}"]
     if views.is_generated and 1 - unseen_area < MIN_SEEN_SHARE:
         kind = "inside" if views.origin == "turntable" else "outside"

@@ -178,9 +178,9 @@ def bake(
     seconds : float, optional
         Upper limit of the time to move fitted triangles, no limit by default. A surface takes about 1.5 times
         `seconds` in total. Fitted triangles and a surface together take about 2 times `seconds`. Each level
-        of detail adds `seconds` to the total time. A note reports the number of skipped steps; the result
-        then depends on the speed of the machine. If `seconds` is 0, triangles move by a single step, and the
-        face selection still runs. The time for `collision` is not included.
+        of detail adds `seconds` to the total time. A note reports the number of skipped steps. In this case,
+        the result depends on the speed of the machine. If `seconds` is 0, triangles move by a single step,
+        and the face selection still runs. The time for `collision` is not included.
     seed : int, default 0
         Seed of the search. Without a limit of `seconds`, bakes with one seed on one device have the same
         result.
@@ -328,7 +328,7 @@ def _catch_interrupt(keep_best: bool) -> Iterator[Callable[[], bool]]:
     """Yield a function that returns whether to stop.
 
     With `keep_best`, the function returns true after the first Ctrl-C. A second Ctrl-C interrupts the program
-    as usual. Only the main thread receives signals; in other threads the function returns false.
+    as usual. Only the main thread receives signals. In other threads the function returns false.
     """
     received: list[int] = []
     if not keep_best or threading.current_thread() is not threading.main_thread():

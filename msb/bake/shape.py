@@ -52,7 +52,7 @@ class Bending:
 class TrueShape:
     """A comparison of a surface with a true surface, over the pixels of some views that show both surfaces.
 
-    All numbers except the last two are NaN if no pixel shows both surfaces.
+    All numbers except `excluded` and `outline` are NaN if no pixel shows both surfaces.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class TrueShape:
 
 
 def measure_bending(points: Floats, faces: Ints, visible: Mask, size: float = 1.0) -> Bending:
-    """Return the bending of the faces (F, 3) that are `visible` (F,); vertices at one place are joined.
+    """Return the bending of the faces (F, 3) that are `visible` (F,). Vertices at one place are joined.
 
     The argument `size` is the size S of the visible part in scene units. The ratio of two bendings does not
     depend on the size.

@@ -37,7 +37,7 @@ def find_color_seams(points: NDArray[Any], faces: NDArray[Any]) -> Seams | None:
 
 
 def merge_seams(mesh: Mesh) -> Mesh:
-    """Merge the doubled vertices of cuts; return `mesh` itself if it has no cut."""
+    """Merge the doubled vertices of cuts. Return `mesh` itself if it has no cut."""
     seams = find_color_seams(mesh.vertices, mesh.faces)
     if seams is None:
         return mesh
@@ -119,7 +119,7 @@ class Soup:
         if self.shared is None:
             self.colors = color_fit.fit_soup_colors(sums, self.colors, self.selected)
             return
-        # One colour per vertex (V, 3); each corner copies the colour of its vertex.
+        # One colour per vertex (V, 3). Each corner copies the colour of its vertex.
         count = int(self.shared.max()) + 1
         before = np.full((count, 3), 0.5, np.float32)
         before[self.shared.reshape(-1)] = self.colors.reshape(-1, 3)
@@ -133,7 +133,7 @@ class Soup:
         return color_fit.make_edge_laplacian(self.shared, int(self.shared.max()) + 1)
 
     def refit_colors(self, renderer: SoupRenderer, step: int = 1) -> FaceSums:
-        """Fit the colours to every `step`-th view of `renderer`; return the sums over the pixels."""
+        """Fit the colours to every `step`-th view of `renderer`. Return the sums over the pixels."""
         self.upload(renderer)
         sums = renderer.sum_faces(range(0, len(renderer.images), step), gradients=False)
         self.fit_colors(sums)
@@ -190,7 +190,7 @@ class Soup:
 
 
 def _quarter(values: Singles) -> Singles:
-    """Divide faces into quarters; return the interpolated values (4F, 3, 3) at the new corners."""
+    """Divide faces into quarters. Return the interpolated values (4F, 3, 3) at the new corners."""
     a, b, c = values.transpose(1, 0, 2)
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
@@ -198,7 +198,7 @@ def _quarter(values: Singles) -> Singles:
 
 
 def _halve(values: Singles) -> tuple[Singles, Singles]:
-    """Divide faces at the middle of their first side; return both halves (F, 3, 3)."""
+    """Divide faces at the middle of their first side. Return both halves (F, 3, 3)."""
     a, b, c = values.transpose(1, 0, 2)
     middle = (a + b) / 2
     return np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)

@@ -69,7 +69,7 @@ class SupervisedRenderer(StandardRenderer):
         return camera.width * camera.height
 
     def _draw_view(self, number: int) -> tuple[dict[str, Buffer], Buffer, int]:
-        """Queue a rendering; return its buffers, the camera's kernel values, and the number of pixels."""
+        """Queue a rendering. Return its buffers, the camera's kernel values, and the number of pixels."""
         camera = self.images.cameras[number].in_units()
         if number not in self._views:
             self._views[number] = self._device.upload(view_record(camera), "bake views")
@@ -119,8 +119,8 @@ class SoupRenderer(SupervisedRenderer):
     def with_images(self, images: ViewImages) -> SoupRenderer:
         """Return a renderer of the same faces for other images.
 
-        Both renderers share the faces: an update of one renderer changes the other, and closing one closes
-        both.
+        Both renderers share the faces. An update of one renderer changes the other, and closing one renderer
+        closes both.
         """
         other = copy(self)
         other._set_images(images)
@@ -128,7 +128,7 @@ class SoupRenderer(SupervisedRenderer):
 
     @in_turn
     def update(self, corners: Singles, colors: Singles, selected: Mask) -> None:
-        """Set the corners and colours of the faces; hidden faces collapse to a point without pixels."""
+        """Set the corners and colours of the faces. Hidden faces collapse to a point without pixels."""
         placed = np.where(selected[:, None, None], corners, corners[:, :1])
         self._triangles.sources["positions"].write(np.ascontiguousarray(placed.reshape(-1, 3), np.float32))
         self._triangles.sources["colors"].write(np.ascontiguousarray(colors.reshape(-1, 3), np.float32))
@@ -168,7 +168,7 @@ class SoupRenderer(SupervisedRenderer):
         return FaceSums(outputs[0].read(), most.read(), outputs[1].read())
 
     def _sort_pixels(self, planes: dict[str, Buffer], pixels: int) -> tuple[Buffer, Buffer]:
-        """Queue a stable sort of the pixels by their face; return the sorted faces and the sorted pixels."""
+        """Queue a stable sort of the pixels by their face. Return the sorted faces and the sorted pixels."""
         keys = self._scratch("owners", pixels, np.uint32)
         counts = np.uint32(self._count), np.uint32(pixels)
         self._kernels.owners(pixels, _GROUP, planes["face_id"], keys, *counts)
@@ -203,7 +203,7 @@ class SoupRenderer(SupervisedRenderer):
         totals = self._scratch("totals", (views, proposals), self._total_type)
         totals.fill(0)
         # Sums are integers, so that the order of additions has no influence. The unit of the integers is as
-        # small as their range allows.
+        # small as the range of the integers allows.
         bits = 62 if self._total_type is np.int64 else 30
         largest = 6.0 * float(np.diff(self._starts).max())
         unit = np.float32(2.0 ** min(32, bits - int(np.ceil(np.log2(largest)))))

@@ -21,7 +21,7 @@ _NEAR_RADIUS = 0.5
 # An object's box may exclude this percentage of the visible points at each side, because some faces are
 # stray.
 _TRIM_PERCENT = 0.1
-# The focus is the point where the camera axes meet; a linear system of equations determines this point.
+# The focus is the point where the camera axes meet. A linear system of equations determines this point.
 # Camera axes count as parallel if the smallest eigenvalue of the system per camera is below this limit.
 _MIN_CONDITIONING = 1e-3
 # Smallest distance of the focus in front of the cameras, relative to the distance of the visible points. The
@@ -129,7 +129,7 @@ class Space:
 def _find_focus(cameras: Sequence[Camera], ahead: float) -> Floats | None:
     """Return the point nearest to all camera axes.
 
-    Return None if a camera has the point less than `ahead` in front of it.
+    Return None if the point is less than `ahead` in front of a camera.
     """
     # Solve by least squares: the matrix sums the projections perpendicular to each camera axis (3, 3).
     at = np.stack([camera.center for camera in cameras])

@@ -1,4 +1,4 @@
-"""The supervision of a bake: native renderings, photographs, or the better of both."""
+"""The supervision of a bake: native renderings, photographs, or the better of both kinds."""
 
 from __future__ import annotations
 

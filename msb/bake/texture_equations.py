@@ -130,7 +130,7 @@ def _sum_partial(partial: Buffer) -> Floats:
 
 
 def _divide(above: Floats, below: Floats) -> Floats:
-    """Return the quotients (3,) of two values per channel; solved channels have 0."""
+    """Return the quotients (3,) of two values per channel. Solved channels have 0."""
     return np.divide(above, below, out=np.zeros(3), where=(above > _ZERO) & (below > 0))
 
 

@@ -17,7 +17,7 @@ from msb.meshes.mesh import Mesh
 
 
 def fit_vertex_colors(mesh: Mesh, images: ViewImages, device: str | Device | None) -> Mesh:
-    """Return `mesh` with the vertex colours that fit the images best; unseen vertices keep their colours.
+    """Return `mesh` with the vertex colours that fit the images best. Unseen vertices keep their colours.
 
     Two copies of a vertex at a cut edge may have the same colour. Their fitted colours must then be equal.
     """

@@ -31,7 +31,7 @@ from msb.views import ChosenViews, check_given_views, find_training_views, gener
 # views in all.
 RINGS = ((15.0, 18), (40.0, 14), (65.0, 8))
 # Rings of views from below the horizon. Views from below are only generated for mesh files. Training cameras
-# rarely look up from below, so a trained model is arbitrary on its underside.
+# rarely look up from below, so the underside of a trained model is arbitrary.
 RING_BELOW = (-35.0, 12)
 # Rings of generated views for Gaussians, 48 views in all. The lowest cameras look up a little, because object
 # captures also contain such views. The model fills each of these generated views.
@@ -227,7 +227,7 @@ def _choose_scene_views(
 def _generate_views(
     asset: Asset, up: str | None, notes: list[str], device: str | None, kind: ViewKind | None
 ) -> ChosenViews:
-    """Return generated views around an asset or inside it; add a note if the up axis is assumed."""
+    """Return generated views around an asset or inside it. Add a note if the up axis is assumed."""
     framing = find_framing(asset)
     if asset.manifest.primitive == "gaussian" and framing.box is not None:
         outside = make_rings(asset, framing, SPLAT_RINGS, _SPLAT_PIXELS, up)
@@ -247,7 +247,7 @@ def _generate_views(
 
 
 def _drop_blind_views(asset: Asset, views: ChosenViews, device: str | None) -> ChosenViews:
-    """Return the views that show the asset; raise METRIC_NOTHING_SHOWN if no view shows it."""
+    """Return the views that show the asset. Raise METRIC_NOTHING_SHOWN if no view shows it."""
     seeing = views.without_blind(asset, device)
     if not seeing.cameras:
         raise MetricError("METRIC_NOTHING_SHOWN", seeing.blind_message, file=asset.opened_from)
@@ -255,7 +255,7 @@ def _drop_blind_views(asset: Asset, views: ChosenViews, device: str | None) -> C
 
 
 def _limit_size(cameras: Sequence[Camera], notes: list[str]) -> list[Camera]:
-    """Return the cameras, scaled down to at most `MAX_PIXELS`; add a note about scaled cameras."""
+    """Return the cameras, scaled down to at most `MAX_PIXELS`. Add a note about scaled cameras."""
     scale = [min(1.0, math.sqrt(MAX_PIXELS / (view.width * view.height))) for view in cameras]
     scaled = [
         view.scaled(factor) if factor < 1 else view for view, factor in zip(cameras, scale, strict=True)
@@ -277,7 +277,7 @@ def _split(
     notes: list[str],
     interpolate: bool = True,
 ) -> BakeViews:
-    """Return the views of a bake; split off validation views and add interpolated views.
+    """Return the views of a bake. Split off validation views and add interpolated views.
 
     The arguments `training` and `test` are the training and test views of `chosen`. With photographs,
     `interpolate` must be false.

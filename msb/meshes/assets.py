@@ -49,7 +49,7 @@ def asset_from_mesh(mesh: Mesh, *, origin: Origin | None = None) -> Asset:
 
 
 def make_mesh_buffers(mesh: Mesh, origin: Origin | None = None) -> MeshBuffers:
-    """Return the asset buffers of `mesh`; see `asset_from_mesh`.
+    """Return the asset buffers of `mesh`. See `asset_from_mesh`.
 
     Vertex colours take precedence over face colours. Textures are kept with their coordinates.
     """
@@ -219,7 +219,7 @@ def with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
 
 
 def without_bad_faces(mesh: Mesh) -> tuple[Mesh, int]:
-    """Remove faces with a non-finite coordinate; return the mesh and the number of removed faces.
+    """Remove faces with a non-finite coordinate. Return the mesh and the number of removed faces.
 
     Non-finite vertices are removed as well. A mesh without any finite face, or with invalid indices, is
     returned unchanged, because writers reject it.
@@ -238,7 +238,7 @@ def without_bad_faces(mesh: Mesh) -> tuple[Mesh, int]:
 def with_corner_colors(mesh: Mesh, colors: NDArray[Any]) -> Mesh:
     """Return `mesh` with the corner colours `colors` (3F, 3 | 4) as vertex colours.
 
-    A vertex is split if its corners have different colours. Vertices keep their order; unused vertices are
+    A vertex is split if its corners have different colours. Vertices keep their order. Unused vertices are
     removed.
     """
     # Sort the 3F corners by vertex and by the bits of their colour. A new vertex begins at every sorted
@@ -248,7 +248,7 @@ def with_corner_colors(mesh: Mesh, colors: NDArray[Any]) -> Mesh:
     order = np.lexsort(keys)
     differs = np.ones(len(order), bool)
     differs[1:] = np.logical_or.reduce([key[order[1:]] != key[order[:-1]] for key in keys])
-    # number (3F,): the new vertex of each corner; first (n,): one corner of each new vertex.
+    # Compute the new vertex of each corner, `number` (3F,), and one corner of each new vertex, `first` (n,).
     number = np.zeros_like(corners)
     number[order] = np.cumsum(differs) - 1
     first = order[differs]

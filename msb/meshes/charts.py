@@ -11,7 +11,7 @@ from msb.meshes.colors import linear_light, with_alpha
 from msb.meshes.mesh import Mesh
 
 # Offset in mip levels for sampling a texture at a corner. The level that matches the size of the face has the
-# offset 0; the next finer level has -1. Of several tested offsets, this value gave the best result on a
+# offset 0. The next finer level has -1. Of several tested offsets, this value gave the best result on a
 # textured sphere.
 _MIP_BIAS = -1.0
 # A corner is sampled at a point this fraction of the way towards the centre of the face. At the exact corner,
@@ -20,7 +20,7 @@ _INWARDS = 0.25
 
 
 def with_vertex_uvs(mesh: Mesh) -> Mesh:
-    """Return `mesh` with one UV and one normal per vertex; faces and vertices are grouped by texture.
+    """Return `mesh` with one UV and one normal per vertex. Faces and vertices are grouped by texture.
 
     A vertex is split if its corners have different coordinates or normals (compared bit by bit) or different
     textures. Normals stay an array with one row per corner. A vertex keeps its place in the order for its
@@ -90,7 +90,7 @@ def _split_vertices(
     used[vertices] = True
     unused = np.flatnonzero(~used)
 
-    # Append the unused vertices. Sort by texture; within each texture, kept vertices come before copies.
+    # Append the unused vertices. Sort by texture. Within each texture, kept vertices come before copies.
     vertices = np.concatenate((vertices, unused))
     stays = np.concatenate((stays, np.ones(len(unused), bool)))
     place = np.where(stays, vertices, np.concatenate((first, unused)))

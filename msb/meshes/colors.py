@@ -34,12 +34,12 @@ def stored_colors(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def clamp_floats(values: NDArray[Any]) -> NDArray[Any]:
-    """Return float colours clamped to [0, 1]; NaN becomes 0."""
+    """Return float colours clamped to [0, 1]. NaN becomes 0."""
     return np.asarray(np.nan_to_num(values, nan=0.0).clip(0, 1))
 
 
 def with_alpha(colors: NDArray[Any]) -> NDArray[Any]:
-    """Return colours (N, 3 | 4) as (N, 4); a missing alpha channel is opaque."""
+    """Return colours (N, 3 | 4) as (N, 4). A missing alpha channel is opaque."""
     if colors.shape[1] == 4:
         return colors
     opaque = 1 if colors.dtype.kind == "f" else np.iinfo(colors.dtype).max
@@ -53,14 +53,14 @@ def as_floats(colors: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def linear_light(colors: NDArray[Any]) -> NDArray[np.float32]:
-    """Return sRGB colours (N, 3 | 4) as linear light in float32; alpha is already linear."""
+    """Return sRGB colours (N, 3 | 4) as linear light in float32. Alpha is already linear."""
     light = as_floats(colors)
     light[:, :3] = LINEAR[colors[:, :3]] if colors.dtype == np.uint8 else srgb_to_linear(colors[:, :3])
     return light
 
 
 def srgb_colors(linear: NDArray[Any], most: int = 0) -> NDArray[Any]:
-    """Return linear colours (N, 3 | 4), uint8 or float32, as sRGB; alpha is unchanged.
+    """Return linear colours (N, 3 | 4), uint8 or float32, as sRGB. Alpha is unchanged.
 
     The sRGB colours are uint8 if bytes represent all given values exactly, else float32. If `most` is 65535,
     float colours were uint16 values in the file.

@@ -265,7 +265,7 @@ class _CompressedBuilder(GlbBuilder):
     exponents: dict[str, NDArray[np.int64]] = field(default_factory=dict)
 
     def rows(self, name: str, rows: NDArray[Any]) -> int:
-        """Append the compressed attribute `name` (V, K) of the vertices; return its buffer view's index."""
+        """Append the compressed attribute `name` (V, K) of the vertices. Return its buffer view's index."""
         import meshopt
 
         kind: dict[str, Any] = {"mode": "ATTRIBUTES"}
@@ -282,14 +282,14 @@ class _CompressedBuilder(GlbBuilder):
         return self._view(content, len(rows), rows.strides[0], kind, VERTICES)
 
     def indices(self, faces: NDArray[Any]) -> int:
-        """Append compressed faces (F, 3); return the index of their buffer view."""
+        """Append compressed faces (F, 3). Return the index of their buffer view."""
         import meshopt
 
         content = meshopt.encode_gltf_buffer(faces.reshape(-1).astype(np.uint32), "TRIANGLES", 0)
         return self._view(content, faces.size, faces.itemsize, {"mode": "TRIANGLES"}, INDICES)
 
     def _view(self, content: bytes, count: int, stride: int, kind: dict[str, Any], target: int) -> int:
-        """Append compressed data of `count` elements of `stride` bytes; return its buffer view's index."""
+        """Append compressed data of `count` elements of `stride` bytes. Return its buffer view's index."""
         packed = self.put(content) | {"byteStride": stride, "count": count} | kind
         plain: dict[str, Any] = {"buffer": 1, "byteOffset": self.plain, "byteLength": count * stride}
         if target == VERTICES:

@@ -47,7 +47,7 @@ GAUSSIANS = "KHR_gaussian_splatting"
 _SEARCHED = 1 << 22
 VISIBILITY = "KHR_node_visibility"
 
-# Maximum number of nodes. Real scenes have some thousand nodes; a million nodes take a few seconds.
+# Maximum number of nodes. Real scenes have some thousand nodes. A million nodes take a few seconds.
 MAX_NODES = 1 << 20
 
 # Memory limit for the arrays of a file: 64 bytes per byte of the file, plus 256 MiB. A byte of a file needs
@@ -512,7 +512,7 @@ def place_nodes(document: Document) -> PlacedNodes:
 
 
 def _is_visible(document: Document, node: dict[str, Any], pointer: str) -> bool:
-    """Return whether a node itself is visible; ancestors are ignored."""
+    """Return whether a node itself is visible. Ancestors are ignored."""
     extensions = document.object(node, "extensions", pointer)
     entry = document.object(extensions, VISIBILITY, f"{pointer}/extensions")
     return entry.get("visible", True) is not False

@@ -60,7 +60,7 @@ class BaseColor:
 
 
 def read_base_color(document: Document, primitive: dict[str, Any], pointer: str) -> BaseColor:
-    """Return the base colour of a primitive; the colour is white without a material."""
+    """Return the base colour of a primitive. The colour is white without a material."""
     if "material" not in primitive:
         return BaseColor()
     material, where = document.entry("materials", document.integer(primitive, "material", pointer))
@@ -97,7 +97,10 @@ def _find_surface(
 
 
 def _parse_texture_use(document: Document, entry: dict[str, Any], pointer: str) -> TextureUse | None:
-    """Return the texture that a `textureInfo` describes; None if its image format is unsupported (KTX2)."""
+    """Return the texture that a `textureInfo` describes.
+
+    Return None if its image format is unsupported (KTX2).
+    """
     texture, where = document.entry("textures", document.integer(entry, "index", pointer))
     extensions = document.object(texture, "extensions", where)
     webp = document.object(extensions, _WEBP, f"{where}/extensions")

@@ -74,7 +74,7 @@ def unpack(document: Document, meshes: list[int]) -> None:
 def unpack_here(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
     """Decode all jobs in `arrays`.
 
-    This function runs in the child process; it is a `Work` of `msb.base.children`.
+    This function runs in the child process. It is a `Work` of `msb.base.children`.
     """
     decoded: dict[str, NDArray[Any]] = {}
     for number, job in enumerate(json.loads(arrays["plan"].tobytes())):
@@ -150,7 +150,7 @@ def _list_jobs(document: Document, meshes: list[int]) -> Iterator[Job]:
 def _find_accessor(document: Document, number: Any) -> dict[str, Any]:
     """Return the JSON of accessor `number`.
 
-    The JSON is empty if the accessor does not exist; a later check reports this error.
+    The JSON is empty if the accessor does not exist. A later check reports this error.
     """
     entries = document.array(document.root, "accessors", "")
     exists = type(number) is int and 0 <= number < len(entries) and isinstance(entries[number], dict)

@@ -186,7 +186,7 @@ def _parse_unread(
 
 
 def _hash_unread(primitive: Primitive, corners: NDArray[np.int64]) -> NDArray[np.uint32]:
-    """Return the seam keys (V,) of a primitive; see `PrimitiveArrays`."""
+    """Return the seam keys (V,) of a primitive. See `PrimitiveArrays`."""
     count = primitive.positions.count
     columns: list[NDArray[Any]] = [stored.read() for stored in primitive.unread]
     used = np.zeros(count, bool)
@@ -218,7 +218,7 @@ def read_arrays(primitive: Primitive) -> PrimitiveArrays:
 
 
 def read_numbers(stored: Accessor) -> NDArray[Any]:
-    """Return floats as float32, and integers as float64; normalized integers are scaled to [-1, 1]."""
+    """Return floats as float32, and integers as float64. Normalized integers are scaled to [-1, 1]."""
     values = stored.read()
     if values.dtype.kind == "f":
         return values.astype(np.float32)

@@ -23,7 +23,7 @@ Files = dict[tuple[Path, int | None], bytes]
 def read_uri(source: Source, uri: str, pointer: str, most: int | None, files: Files) -> bytes:
     """Return the bytes that a glTF `uri` refers to: embedded data (RFC 2397), or a linked file.
 
-    The argument `most` limits the number of bytes; see `read_linked_file`. The argument `files` caches the
+    The argument `most` limits the number of bytes. See `read_linked_file`. The argument `files` caches the
     linked files that were read.
     """
     embedded = _EMBEDDED.match(uri)
@@ -74,7 +74,10 @@ def resolve_linked_path(source: Source, name: str, pointer: str) -> Path:
 
 
 def _explain_invalid_name(name: str) -> str | None:
-    """Return the reason why `name` cannot be a file in the folder or below, or None if it can."""
+    """Return the reason why `name` cannot be a file in the folder or below.
+
+    Return None if the name is valid.
+    """
     if not name or "\0" in name or has_lone_surrogate(name):
         return "is not a file name"
     if _SCHEME.match(name):

@@ -135,7 +135,7 @@ def _add_faces(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> Non
 
 
 def _describe_wrong_face(text: Source, polygon: int, index: int, vertices: int) -> str:
-    """Parse the file again to find a polygon with an invalid index; return the text for `Mesh.wrong_face`."""
+    """Parse the file again to find a polygon with an invalid index. Return the text for `Mesh.wrong_face`."""
     for words in word_blocks(text, comments=True):
         lines = np.flatnonzero(select_face_lines(words))
         if polygon < len(lines):
@@ -189,7 +189,9 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
 
 
 def _index_coordinates(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Return the distinct texture coordinates (N, 2), and the indices (F, 3) into them for each corner."""
+    """Return the distinct texture coordinates (N, 2), and the index (F, 3) of the coordinates of each
+    corner.
+    """
     if mesh.corner_uvs is None:
         assert mesh.vertex_uvs is not None
         return mesh.vertex_uvs, mesh.faces

@@ -53,7 +53,8 @@ def _read_keys(text: Source) -> NDArray[np.uint32] | None:
             row[named] = part.indices(named, above[word] + np.cumsum(is_line), "element")
             rows[word].append(row[chosen])
             above[word] += int(is_line.sum())
-    # columns: the values (C, 3) at each polygon corner. Corners without a line (-1) select the last row.
+    # Compute `columns`, the values (C, 3) at each polygon corner. Corners without a line (-1) select the last
+    # row.
     columns = []
     for word, stored in values.items():
         table = np.concatenate([*stored, np.full((1, 3), np.inf)])

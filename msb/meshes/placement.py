@@ -136,7 +136,7 @@ def take_back(mesh: Mesh, data: Any) -> Mesh:
     else:
         moved = (mesh.vertices.astype(np.float64) - offset) @ (rotation / scale)
         vertices = moved.astype(mesh.vertices.dtype)
-    # The field `up` stores an up axis; the frame stores any other up direction.
+    # The field `up` stores an up axis. The frame stores any other up direction.
     frame = placement.frame or Frame()
     frame = replace(frame, up=None) if frame.up is not None and is_axis(frame.up) else frame
     known = None if frame == Frame() else frame
@@ -155,7 +155,7 @@ def find_comment(data: bytes) -> Any:
 
 
 def _parse(data: Any) -> Placement | None:
-    """Return the placement that JSON data describes; None if the data is invalid."""
+    """Return the placement that JSON data describes. Return None if the data is invalid."""
     try:
         matrix = np.array(data["matrix"], np.float64).reshape(4, 4)
         up, unit, floor = data["up"], data["meters_per_unit"], data["floor"]

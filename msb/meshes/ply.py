@@ -31,7 +31,7 @@ _KNOWN = {"nx": "normals", "ny": "normals", "nz": "normals", **dict.fromkeys(_UV
 
 
 def read(source: Source) -> Mesh:
-    """Read the vertex and face elements; other elements and properties are skipped.
+    """Read the vertex and face elements. Other elements and properties are skipped.
 
     Vertices are float32 if a binary file stores x, y and z as float, else float64. Text is always read as
     float64 and keeps all digits, independent of the declared type.
@@ -169,7 +169,7 @@ def _check_elements(source: Source, header: Header) -> None:
 
 
 def _find_index_list(face: Element) -> str:
-    """Return the name of the list of vertex indices; "" if there is no such list."""
+    """Return the name of the list of vertex indices. Return "" if there is no such list."""
     for name in _INDEX_NAMES:
         property_ = face.find(name)
         if property_ is not None and property_.count_type and np.dtype(property_.type).kind in "iu":

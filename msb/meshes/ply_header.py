@@ -156,7 +156,10 @@ def _read_element(source: Source, where: str, name: str, count: str) -> Element:
 
 
 def _read_property(source: Source, where: str, words: list[str]) -> Property:
-    """Return the property that a header line declares; `words` are the words after "property"."""
+    """Return the property that a header line declares.
+
+    The argument `words` has the words after "property".
+    """
     match words:
         case ["list", count_type, kind, name]:
             names = [count_type, kind]

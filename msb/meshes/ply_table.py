@@ -17,7 +17,7 @@ from msb.meshes.source import Source
 
 @dataclass(frozen=True, eq=False)
 class PlyTable:
-    """The `count` rows of an element; `names` are the names of its properties in file order."""
+    """The `count` rows of an element. The field `names` has the names of its properties in file order."""
 
     count: int
     names: tuple[str, ...]
@@ -32,7 +32,7 @@ class PlyTable:
         return values
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return the property `name` (count,) in the type of the file; float64 for a text file."""
+        """Return the property `name` (count,) in the type of the file. Return float64 for a text file."""
         return self._columns[name]
 
 
@@ -110,7 +110,7 @@ def _read_text(source: Source, header: Header) -> dict[str, PlyTable]:
 
 
 def _open(path: Path) -> tuple[memoryview, Header, Source]:
-    """Map a PLY file into memory; return its bytes, its header, and the source for errors."""
+    """Map a PLY file into memory. Return its bytes, its header, and the source for errors."""
     data = memoryview(map_file(Path(path)))
     source = Source(str(path), bytes(data[: MAX_HEADER_BYTES + 1]))
     if not data:

@@ -157,8 +157,8 @@ def _judge_fans(placed: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     reversed triangles. The second mask selects polygons that cross themselves.
     """
     with np.errstate(all="ignore"):
-        # across (3, P, n - 2): twice the area of each fan triangle, along its normal. The sum over the
-        # triangles is the normal of the polygon by Newell's method.
+        # Compute `across` (3, P, n - 2), twice the area of each fan triangle along its normal. The sum over
+        # the triangles is the normal of the polygon by Newell's method.
         a, b = placed[..., 1:-1], placed[..., 2:]
         across = _cross(a, b)
         normal = across.sum(axis=2)
@@ -351,9 +351,10 @@ def _area(a: Point, b: Point, c: Point) -> Floats:
 def find_wrong_polygon(
     faces: NDArray[np.int64], polygon: NDArray[np.int64], vertices: int
 ) -> tuple[int, int] | None:
-    """Return the first polygon with a vertex index outside 0..`vertices` - 1, and the index; or None.
+    """Return the first polygon with a vertex index outside 0..`vertices` - 1, and the index.
 
-    The arguments `faces` (F, 3) and `polygon` (F,) are the triangles and polygons of a `Triangulation`.
+    Return None if all indices are valid. The arguments `faces` (F, 3) and `polygon` (F,) are the triangles
+    and polygons of a `Triangulation`.
     """
     if not faces.size or (faces.min() >= 0 and faces.max() < vertices):
         return None

@@ -30,7 +30,7 @@ _FACE_CODES = [_CODES[keyword] for keyword in _LINES]
 
 
 def read(source: Source) -> Mesh:
-    """Read a binary or text STL file. Several solids are concatenated; normals and attributes are ignored.
+    """Read a binary or text STL file. Several solids are concatenated. Normals and attributes are ignored.
 
     Vertices of text files are also float32, unless they need an origin. The precision float64 would change
     the areas of published files by 2e-8. The mesh has 3F vertices, and the faces are (0, 1, 2), (3, 4, 5),
@@ -91,7 +91,7 @@ def _read_text(text: Source) -> NDArray[Any]:
 
 
 def _classify_lines(words: Words) -> NDArray[np.uint8]:
-    """Return the code of the first word of each line (L,); 0 if the word is not a keyword."""
+    """Return the code of the first word of each line (L,). The code is 0 if the word is not a keyword."""
     codes = np.zeros(len(words.first), dtype=np.uint8)
     for keyword, code in _CODES.items():
         codes[words.lines_beginning(keyword)] = code
@@ -131,6 +131,6 @@ def _check_order(text: Source, codes: NDArray[np.uint8], places: NDArray[np.int6
         raise text.line_error("MESH_FILE_TRUNCATED", int(places[-1]), "the file ends without 'endsolid'")
 
 
-# Signature of STL text files; binary files have no signature.
+# Signature of STL text files. Binary files have no signature.
 _BEGINS = re.compile(rb"\s*+solid\b", re.IGNORECASE)
 FORMAT = Format("STL", (".stl",), read, write, begins=_BEGINS, is_soup=True, is_single=True)

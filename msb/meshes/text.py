@@ -109,9 +109,9 @@ class Words:
     def indices(self, chosen: NDArray[np.bool_], above: NDArray[np.int64], of: str) -> NDArray[np.int64]:
         """Return the selected words (T,) as zero-based OBJ indices.
 
-        In the file, positive indices count from 1. Negative indices count backwards; -1 is the last element
-        above the line. The argument `above` (L,) is the number of elements above each line. Messages call the
-        elements `of`.
+        In the file, positive indices count from 1. Negative indices count backwards. The index -1 is the last
+        element above the line. The argument `above` (L,) is the number of elements above each line. Messages
+        call the elements `of`.
         """
         values = self.numbers(chosen)
         at = find_not_whole(values)

@@ -43,7 +43,7 @@ _PLAIN = np.full((1, 1, 3), 255, np.uint8)
 def read(source: Source) -> Mesh:
     """Return the visible meshes of a stage at its earliest time, in world coordinates in metres.
 
-    usd-core reads the file in a child process. Stages composed of several files are rejected; only images may
+    usd-core reads the file in a child process. Stages composed of several files are rejected. Only images may
     be separate files.
     """
     need_extra("usd", "pxr", what="a USD file")
@@ -100,7 +100,7 @@ def _check_whole(source: Source) -> None:
 def _with_textures(mesh: Mesh, source: Source, data: dict[str, Any]) -> Mesh:
     """Return `mesh` with its images, which are in the package or in separate files.
 
-    Images that cannot be read are listed in `left_out`; faces with these images are white.
+    Images that cannot be read are listed in `left_out`. Faces with these images are white.
     """
     uses, decoder = data["textures"], Decoder()
     if len(uses) > MAX_TEXTURES:

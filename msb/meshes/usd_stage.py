@@ -40,7 +40,7 @@ class _PrimArrays:
 def read_stage(word: str, _: Arrays) -> tuple[Any, Arrays]:
     """Read the file `word`.
 
-    This function runs in the child process; it is a `Work` of `msb.base.children`.
+    This function runs in the child process. It is a `Work` of `msb.base.children`.
     """
     from pxr import Sdf, Tf, Usd, UsdGeom
 
@@ -103,7 +103,7 @@ class _Reader:
             self.left_out["references that cannot be resolved"] = None
 
     def _read_unit(self, stage: Any) -> float:
-        """Return the length of the stage's unit in metres; 0.01 if the stage has no valid unit."""
+        """Return the length of the stage's unit in metres. Without a valid unit, the length is 0.01."""
         from pxr import UsdGeom
 
         stored = float(UsdGeom.GetStageMetersPerUnit(stage))
@@ -208,7 +208,7 @@ class _Reader:
             arrays.colors = _combine(colors, arrays, 3, 1.0)
 
     def _read_array(self, attribute: Any, dtype: Any, shape: tuple[int, ...]) -> NDArray[Any]:
-        """Return the values of an attribute; an empty array if the attribute is not set."""
+        """Return the values of an attribute. Return an empty array if the attribute is not set."""
         stored = attribute.Get(self._time)
         return np.array([] if stored is None else stored, dtype).reshape(shape)
 
@@ -276,11 +276,12 @@ class _Reader:
     ) -> list[tuple[Material, NDArray[np.int64]]]:
         """Return the materials that the triangles of a mesh use, each with the numbers of its triangles.
 
-        The mesh has `count` polygons; `polygon` (F,) is the polygon of each triangle.
+        The mesh has `count` polygons. The argument `polygon` (F,) is the polygon of each triangle.
         """
         from pxr import UsdGeom, UsdShade
 
-        # owner (P,): the material of each polygon, from its subset, else from the prim.
+        # Compute `owner` (P,), the material of each polygon. The subset of a polygon determines the material,
+        # else the prim.
         numbers = {self._materials.find(mesh.GetPrim()): 0}
         owner = np.zeros(count, np.int64)
         kind = UsdShade.Tokens.materialBind
@@ -395,7 +396,7 @@ def _join_parts(parts: list[_PrimArrays], textures: int) -> dict[str, NDArray[An
         rows = [_convert_domain("corner", part, part.normals, 3, 0.0) for part in parts]
         arrays["corner_normals"] = np.concatenate(rows)
     for name, width, blank in (("colors", 3, 1.0), ("uvs", 2, 0.0)):
-        # Keep a domain that all parts have in common; otherwise convert the values to corners.
+        # Keep a domain that all parts have in common. Otherwise convert the values to corners.
         values = [getattr(part, name) for part in parts]
         domains = {value[0] for value in values if value is not None}
         if not domains:

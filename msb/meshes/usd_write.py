@@ -105,7 +105,7 @@ def _add_mesh(stage: Any, path: str, mesh: Mesh) -> Any:
 
 
 def _compute_normals(mesh: Mesh) -> NDArray[np.float32]:
-    """Return the unit normals (F, 3) of the faces; faces without area get +y."""
+    """Return the unit normals (F, 3) of the faces. Faces without area get +y."""
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     long = np.linalg.norm(across, axis=1, keepdims=True)
@@ -258,7 +258,7 @@ def _add_shader(stage: Any, path: str, name: str, **inputs: tuple[Any, Any]) -> 
 def _add_material(stage: Any, path: str, color_input: str) -> Any:
     """Define a material without reflections at `path`, and return its surface shader.
 
-    The input `color_input` sets the colour; all other colours are black.
+    The input `color_input` sets the colour. All other colours are black.
     """
     from pxr import Sdf, UsdGeom, UsdShade
 

@@ -23,7 +23,7 @@ class _Appended:
         self.offset = 0
 
     def array(self, name: str, values: NDArray[Any], components: int = 1) -> str:
-        """Append an array to the block; return the XML element that refers to it."""
+        """Append an array to the block. Return the XML element that refers to it."""
         stored = values.dtype if values.dtype.str[1:] in _TYPES else np.dtype(np.float64)
         data = np.ascontiguousarray(values, stored.newbyteorder("<"))
         text = (
@@ -35,7 +35,7 @@ class _Appended:
         return text
 
     def cells(self, tag: str, table: NDArray[Any]) -> str:
-        """Append cells (n, points per cell); return the XML element of the cells, with the name `tag`."""
+        """Append cells (n, points per cell). Return the XML element of the cells, with the name `tag`."""
         ends = np.arange(1, len(table) + 1, dtype=np.int64) * table.shape[1]
         connectivity = self.array("connectivity", table.reshape(-1).astype(np.int64))
         return f"<{tag}>{connectivity}{self.array('offsets', ends)}</{tag}>"

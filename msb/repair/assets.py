@@ -1,4 +1,4 @@
-"""Repair assets and meshes. An asset keeps its manifest; its buffers are adapted to the repaired mesh."""
+"""Repair assets and meshes. An asset keeps its manifest. Its buffers are adapted to the repaired mesh."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def repair(
 
 
 def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = None) -> Repaired:
-    """Repair an asset with validated options; see `repair`."""
+    """Repair an asset with validated options. See `repair`."""
     plan = options.plan
     with about(asset.path):
         # If the plan welds a triangle soup, convert it to a standard-tier mesh first.

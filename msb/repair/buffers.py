@@ -79,10 +79,11 @@ def _carry_faces(name: str, array: NDArray[Any], change: Change, level: int | No
 
 
 def _carry_corners(name: str, array: NDArray[Any], change: Change, faces: NDArray[Any]) -> NDArray[Any]:
-    """Return a corner buffer of the changed mesh; `faces` (F, 3) are the faces before the change.
+    """Return a corner buffer of the changed mesh.
 
-    Values of an added face are interpolated on the edge shared with the adjacent face. The third vertex of
-    the added face cannot supply values. Its values may belong to another UV chart.
+    The argument `faces` (F, 3) has the faces before the change. Values of an added face are interpolated on
+    the edge shared with the adjacent face. The third vertex of the added face cannot supply values. Its
+    values may belong to another UV chart.
     """
     added = len(change.added_from)
     kept = array[change.corner_map[: 3 * (len(change.faces) - added)]]

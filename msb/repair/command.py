@@ -153,7 +153,7 @@ class _Repair:
         self.in_file_precision = not self.to_asset and is_mesh_file(source) and views.cameras is None
 
     def run(self, maps: Path | None) -> Audit:
-        """Repair, write and print; return the audit of the written file."""
+        """Repair, write and print. Return the audit of the written file."""
         from msb.meshes.losses import explain_split
         from msb.repair.run import list_defects
 
@@ -375,7 +375,7 @@ def compare_strategies(
 
 
 def _select_tasks(given: Sequence[str]) -> list[str]:
-    """Return the names of the selected tasks; the default tasks if none are given."""
+    """Return the names of the selected tasks. If no tasks are selected, return the default tasks."""
     from msb.trial.registry import select_tasks
     from msb.trial.repairs import TASKS
 
@@ -385,7 +385,7 @@ def _select_tasks(given: Sequence[str]) -> list[str]:
 
 
 def _print_comparison(rows: list[StrategyResult], views: str, output: Output) -> None:
-    """Print the comparison; `views` describes the views of the PSNR, such as "8 test views"."""
+    """Print the comparison. The argument `views` describes the views of the PSNR, such as "8 test views"."""
     console = output.console()
     if not console.is_terminal:
         console.width = 10_000  # The width in characters exceeds every table.

@@ -56,12 +56,12 @@ def _color_faces(original: Asset, done: Repaired) -> Asset:
     Unchanged, removed and added faces have different colours.
     """
     faces, points = original.buffers["indices"], original.buffers["positions"]
-    # Colour the original faces (F, 3); a face without a counterpart in the result is red.
+    # Colour the original faces (F, 3). A face without a counterpart in the result is red.
     is_removed = np.ones(len(faces), bool)
     is_removed[done.face_map[done.face_map != NONE]] = False
     colors = np.repeat(_compute_grey(original)[:, None], 3, axis=1)
     colors[is_removed] = RED
-    # Append the added faces; their vertices follow the original vertices.
+    # Append the added faces. Their vertices follow the original vertices.
     new = done.asset.buffers["indices"][done.face_map == NONE]
     colors = np.concatenate([colors, np.tile(GREEN, (len(new), 1))])
     return build_asset(

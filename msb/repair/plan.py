@@ -30,7 +30,7 @@ _WHOLE = ("debris_faces", "close_edges")
 
 @dataclass(frozen=True)
 class Options:
-    """The options of a repair; docs/repair.md explains the steps.
+    """The options of a repair. The page docs/repair.md explains the steps.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Options:
         )
 
     def check(self) -> Options:
-        """Return the options after validation; raise USAGE or WELD_DISTANCE if they are invalid."""
+        """Return the options after validation. Raise USAGE or WELD_DISTANCE if they are invalid."""
         numbers = {
             name: checked_number(name, getattr(self, name), whole=name in _WHOLE)
             for name in ("pair_color", *_WHOLE, "debris_share", "close_share")
@@ -124,7 +124,7 @@ def parse_plan(plan: Sequence[str] | str | None = None, **options: Any) -> Optio
 
 
 def _parse_number(name: str, text: str) -> float | str:
-    """Return the value of option `name` in a plan. The value is a number; only weld accepts a text."""
+    """Return the value of option `name` in a plan. The value is a number. Only weld accepts a text."""
     if name == "weld":
         return text
     try:

@@ -87,7 +87,7 @@ class Analysis:
 
     @property
     def area(self) -> NDArray[np.float64]:
-        """(F,) area of each face in squared length units; 0 for an area that is not finite."""
+        """(F,) area of each face in squared length units. The value is 0 for an area that is not finite."""
         return self._areas[0]
 
     @property

@@ -7,9 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import MeshError, shorten
 
-# Maximum number of vertices; a pair of vertex indices must fit into 64 bits.
+# Maximum number of vertices. A pair of vertex indices must fit into 64 bits.
 MAX_VERTICES = 2**32 - 1
-# Maximum number of faces; corners are numbered 3 f + k, and SciPy labels components with int32.
+# Maximum number of faces. Corners are numbered 3 f + k, and SciPy labels components with int32.
 MAX_FACES = (2**31 - 1) // 3
 
 

@@ -1,6 +1,7 @@
 """The definition of every number of the audit, as plain data. `msb-audit --explain` prints the definitions.
 
-explanations.toml holds the data; docs/definitions.md gives the reasons behind the definitions.
+The file explanations.toml holds the data. The page docs/definitions.md gives the reasons behind the
+definitions.
 """
 
 import difflib
@@ -91,7 +92,7 @@ def _read() -> dict[str, Explanation]:
     return {name: Explanation(name, **{"symbol": "", **fill(entry)}) for name, entry in data.items()}
 
 
-# Explanations by JSON key; the columns of the paper come first.
+# Explanations by JSON key. The columns of the paper come first.
 EXPLANATIONS: dict[str, Explanation] = _read()
 
 

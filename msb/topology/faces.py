@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Faces per batch; their corners take 19 MB (nine doubles each).
+# Faces per batch. The corners of a batch take 19 MB (nine doubles each).
 _CHUNK = 1 << 18
 # Faces per batch of a volume computation.
 _VOLUMES_AT_ONCE = 1 << 15
@@ -82,7 +82,7 @@ def has_no_area(
 
 
 def names_vertex_twice(faces: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which rows of `faces` (F, 3) have a repeated index; such rows have no edges and no area."""
+    """Return which rows of `faces` (F, 3) have a repeated index. Such rows have no edges and no area."""
     a, b, c = faces.T
     return np.asarray((a == b) | (b == c) | (a == c))
 

@@ -2,7 +2,7 @@
 
 A *fan* is a set of corners at one vertex that are connected across two-face edges. A vertex is manifold
 exactly if it has one fan. If the link of a manifold vertex is cut at nodes of degree three and more, it is a
-single path or cycle. The proof is in docs/definitions.md; tests check the identity *strict = several fans =
+single path or cycle. The proof is in docs/definitions.md. Tests check the identity *strict = several fans =
 multifan or endpoint of a non-manifold edge*.
 """
 
@@ -52,7 +52,7 @@ def group_corners(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any])
     """Join the corners at each vertex across the given pairs of half-edges.
 
     Both half-edges of a pair lie on one edge. Return the number of groups and the group (3F,) of each corner.
-    Groups are numbered by their first corner; corners of faces with a repeated index have NONE.
+    Groups are numbered by their first corner. Corners of faces with a repeated index have NONE.
     """
     corners = np.flatnonzero(~np.repeat(mesh.repeated_index, 3))
     # Number only the corners of faces without a repeated index. Corners of faces with a repeated index get

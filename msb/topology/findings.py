@@ -19,7 +19,8 @@ First = dict[str, tuple[tuple[int, tuple[int, ...]], ...]]
 class Counts:
     """Integer counts.
 
-    `msb-audit --explain NAME` prints the definition of a finding; docs/definitions.md has all definitions.
+    `msb-audit --explain NAME` prints the definition of a finding. The page docs/definitions.md has all
+    definitions.
     """
 
     vertices: int

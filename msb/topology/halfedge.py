@@ -57,12 +57,12 @@ class HalfEdgeMesh:
 
     @cached_property
     def repeated_index(self) -> NDArray[np.bool_]:
-        """(F,) whether a face has a repeated index; such a face has no edges and no fans."""
+        """(F,) whether a face has a repeated index. Such a face has no edges and no fans."""
         return names_vertex_twice(self.faces)
 
     @cached_property
     def multiplicity(self) -> NDArray[Any]:
-        """(E,) number of faces at each edge; duplicate faces count each time."""
+        """(E,) number of faces at each edge. Duplicate faces count each time."""
         return np.diff(self.edge_offsets)
 
     @property
@@ -77,7 +77,7 @@ class HalfEdgeMesh:
 
     @cached_property
     def edge(self) -> NDArray[Any]:
-        """(3F,) edge of each half-edge; NONE for faces with a repeated index."""
+        """(3F,) edge of each half-edge. Faces with a repeated index have NONE."""
         edge = np.full(self.faces.size, NONE, self.faces.dtype)
         edge[self.edge_halfedges] = np.repeat(
             np.arange(self.edge_count, dtype=self.faces.dtype), self.multiplicity
@@ -128,7 +128,7 @@ def build_half_edges(faces: NDArray[Any], vertex_count: int) -> HalfEdgeMesh:
     rows = faces[valid]
     origin, target = rows.reshape(-1), rows[:, (1, 2, 0)].reshape(-1)
     low, high = np.minimum(origin, target), np.maximum(origin, target)
-    # One 64-bit key for each vertex pair; equal keys belong to one edge.
+    # One 64-bit key for each vertex pair. Equal keys belong to one edge.
     key, order = _sort_keys(low.astype(np.uint64) * np.uint64(max(vertex_count, 1)) + high.astype(np.uint64))
     is_first = np.ones(len(key), bool)
     np.not_equal(key[1:], key[:-1], out=is_first[1:])
@@ -146,7 +146,7 @@ def build_half_edges(faces: NDArray[Any], vertex_count: int) -> HalfEdgeMesh:
 
 
 def _sort_keys(key: NDArray[np.uint64]) -> tuple[NDArray[np.uint64], NDArray[Any]]:
-    """Return the keys in ascending order and their original positions; equal keys keep their order.
+    """Return the keys in ascending order and their original positions. Equal keys keep their order.
 
     For up to about two million faces, a key and its position fit into 64 bits together. The function then
     sorts packed numbers. Sorting packed numbers is six times as fast as sorting positions by key.

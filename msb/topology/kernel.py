@@ -228,7 +228,7 @@ class _Run:
         )  # fmt: skip
 
     def _make_lists(self, rounds: int) -> None:
-        """Allocate chunks for at most one face pair per half-edge; some chunks stay partly filled."""
+        """Allocate chunks for at most one face pair per half-edge. Some chunks stay partly filled."""
         sizes, kinds = self.sizes, 3
         full = 3 * len(self.faces) // (sizes.chunk_pairs - 2 * sizes.most_compared) + 1
         begun = kinds * (self.workers + 1) * (2 * rounds + 2)
@@ -252,7 +252,7 @@ class _Run:
         return two_face - self._unite_pairs(CROWDED, self.parents), two_face
 
     def _unite_pairs(self, kind: int, parents: Buffer) -> int:
-        """Unite the face pairs of a kind; return the number of unions that joined two different sets."""
+        """Unite the face pairs of a kind. Return the number of unions that joined two different sets."""
         joined = self._allocate_zeros(self.workers, np.uint32, "joined")
         chunk = self._allocate_zeros(1, np.uint32, "next chunk")
         scalars = _to_uints(self.chunks_used, kind)
@@ -334,7 +334,7 @@ def _to_uints(*values: int) -> list[np.uint32]:
 
 
 def _allocate_pages(nbytes: int) -> NDArray[np.uint8]:
-    """Return uninitialised memory aligned to a page; large NumPy arrays use huge pages where available."""
+    """Return uninitialised memory aligned to a page. Large NumPy arrays use huge pages where available."""
     page = 4096
     memory = np.empty(nbytes + page, np.uint8)  # noqa: TID251 - kernels write the memory before reading it
     start = -memory.ctypes.data % page

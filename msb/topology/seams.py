@@ -1,9 +1,9 @@
 """Seams: vertices that a file stores more than once because the file format demands this.
 
 In most formats a vertex row has a single UV coordinate, colour and normal. A triangle list shares no vertices
-at all; docs/definitions.md ("Seams") has the definition. Vertices duplicated for another reason are not
-seams. If vertices are duplicated for other reasons, `closes_once_merged` tells whether an exact weld would
-close the mesh.
+at all. The page docs/definitions.md ("Seams") has the definition. Vertices duplicated for another reason are
+not seams. If vertices are duplicated for other reasons, `closes_once_merged` tells whether an exact weld
+would close the mesh.
 """
 
 from collections.abc import Mapping
@@ -134,7 +134,7 @@ def _merge_torn_edges(
     double: NDArray[np.bool_],
 ) -> Seams | None:
     """Return the seams between vertices with different attributes, as defined at `find_seams`."""
-    # Only faces with a duplicated vertex can have a torn edge; faces with a repeated index have no edges.
+    # Only faces with a duplicated vertex can have a torn edge. Faces with a repeated index have no edges.
     a, b, c = faces.T
     near = np.flatnonzero(double[a] | double[b] | double[c])
     near = near[~names_vertex_twice(faces[near])]

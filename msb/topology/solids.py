@@ -75,7 +75,7 @@ def _count_touching(points: NDArray[Any], faces: NDArray[Any], label: NDArray[An
 
 
 def label_bodies(faces: NDArray[Any], vertex_count: int) -> NDArray[Any]:
-    """Return the body (F,) of each face, numbered from 0; faces that share a vertex belong to one body."""
+    """Return the body (F,) of each face, numbered from 0. Faces that share a vertex belong to one body."""
     first, second = (faces[:, [0, 1]].reshape(-1), faces[:, [1, 2]].reshape(-1))
     _, of_vertex = label_components(vertex_count, first, second)
     return np.asarray(np.unique(of_vertex[faces[:, 0]], return_inverse=True)[1].reshape(-1))

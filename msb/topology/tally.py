@@ -19,7 +19,7 @@ VERTEX_KINDS = (
 
 
 def tally_dtype(valences: int) -> np.dtype[Any]:
-    """Return the struct `Tally` of audit_types.cl as a dtype; its valence table has `valences` entries."""
+    """Return the struct `Tally` of audit_types.cl as a dtype. Its valence table has `valences` entries."""
     edge = [(name, "u8") for name in ("block", "rank", "low", "high")]
     counts = ("max_edge_faces", "rim_links", "shared_vertices", "duplicate_faces")
     return np.dtype(
@@ -95,7 +95,7 @@ def add_up(totals: Totals, timings_ms: dict[str, float], computed_by: str) -> Fi
         manifold_edges=edges - count_of["boundary_edges"] - count_of["nonmanifold_edges"],
         max_edge_faces=int(tallies["max_edge_faces"].max()),
         boundary_loops=totals.boundary_loops,
-        # A closed loop has as many links as edges; an open chain has one link fewer.
+        # A closed loop has as many links as edges. An open chain has one link fewer.
         open_boundary_chains=count_of["boundary_edges"] - int(tallies["rim_links"].sum()),
         components=totals.components,
         components_manifold_edges=totals.two_face_components,

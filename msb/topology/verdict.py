@@ -12,9 +12,9 @@ if TYPE_CHECKING:
 
 Level = Literal["ok", "limited", "bad"]
 
-# Tasks that need a manifold surface; on other meshes, tools reject the mesh or open cracks. The paper also
+# Tasks that need a manifold surface. On other meshes, tools reject the mesh or open cracks. The paper also
 # names UV unwrapping and collision ("Mesh Structural Results": Local structure). Tools for these two tasks
-# cut and join the mesh themselves; docs/trial.md reports how well this works.
+# cut and join the mesh themselves. The page docs/trial.md reports how well this works.
 SOLID_TOOLS = "subdivision, booleans or printing"
 # A tool or a person can repair a mesh with up to this share and this number of non-manifold edges or
 # vertices. Up to both limits, the level of such a mesh is LIMITED. Above one of the two limits the level of
@@ -398,7 +398,7 @@ def _describe_sound(audit: Audit) -> str:
 
 
 def percent(part: int, whole: int) -> str:
-    """Return a share as a percentage; "0 %" and "100 %" are printed only for exactly 0 and 1."""
+    """Return a share as a percentage. Only the values 0 and 1 are printed as "0 %" and "100 %"."""
     if whole == 0:
         return "-"
     if part == 0:

@@ -15,7 +15,7 @@ from msb.topology.components import label_components
 
 Weld = Literal["exact"] | float
 
-# Maximum number of vertex pairs within the weld distance; the indices of this many pairs take 1 GiB. In a
+# Maximum number of vertex pairs within the weld distance. The indices of this many pairs take 1 GiB. In a
 # typical weld, the number of pairs is the number of vertices.
 MAX_PAIRS = 1 << 26
 
@@ -37,7 +37,7 @@ def parse_weld(text: str | float) -> Weld:
 def weld_vertices(
     vertices: NDArray[Any], faces: NDArray[Any], weld: Weld
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return vertices (W, 3) and faces (F, 3) after merging coincident vertices; all face rows are kept.
+    """Return vertices (W, 3) and faces (F, 3) after merging coincident vertices. All face rows are kept.
 
     "exact" merges vertices with equal stored coordinates: float32, relative to the origin of the mesh
     (`msb.base.origin`). -0 equals +0, NaN equals nothing. A length merges vertices that are connected by a

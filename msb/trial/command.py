@@ -85,7 +85,7 @@ def trial(
     """Try typical tasks of artists: unwrap, decimate, subdivide, cut, make a collision shape, print.
 
     Each task runs libraries that artists' tools use, in a child process with time and memory limits. The
-    tasks use the mesh as stored; options merge its vertices or repair it first. Results are rendered and
+    tasks use the mesh as stored. Options merge its vertices or repair it first. Results are rendered and
     compared in the views of --cameras. By default, --cameras are the training views if the model stores them,
     else generated views.
     """
@@ -145,7 +145,7 @@ class _Run:
         self.printed = False
 
     def try_path(self, path: Path, _alone: bool) -> tuple[dict[str, Any], int]:
-        """Try the tasks on the asset at `path`; return the JSON data and the exit status."""
+        """Try the tasks on the asset at `path`. Return the JSON data and the exit status."""
         from msb.api.command_files import open_asset
         from msb.base.own_folder import own_folder
         from msb.trial.run import try_asset

@@ -131,7 +131,7 @@ def prepare_mesh(asset: Asset, weld: Weld | None = None) -> TrialMesh:
 
 
 def _average_colors(asset: Asset, faces: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Return the colours (V, 3) of the vertices; face and corner colours are averaged."""
+    """Return the colours (V, 3) of the vertices. Face and corner colours are averaged."""
     stored = colors_of(asset)
     if stored is None:
         return np.ones((asset.manifest.vertex_count, 3), np.float32)

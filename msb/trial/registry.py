@@ -23,7 +23,7 @@ TASKS: dict[str, Task] = {
 
 
 def select_tasks(names: Iterable[str] | str) -> list[Task]:
-    """Return the tasks with these names; all tasks by default.
+    """Return the tasks with these names. By default, return all tasks.
 
     The first or last word of a name selects all tasks with that word: "decimate" selects "decimate_50" and
     others. An entry of `names` may contain several names, separated by commas.

@@ -106,7 +106,7 @@ class Renderings:
         return float(np.count_nonzero(is_empty) / np.count_nonzero(in_image)) if in_image.any() else None
 
     def picture(self, mesh: TrialMesh, camera: Camera | None = None) -> NDArray[np.uint8] | None:
-        """Return a small image (H, W, 3) of `mesh`; None without a device or without faces.
+        """Return a small image (H, W, 3) of `mesh`. Return None without a device or without faces.
 
         The camera `camera` renders the image. The default is the first camera, with faces shaded by their
         angle to the camera.
@@ -141,7 +141,7 @@ class Renderings:
         return [] if self.why_not else [rendered[number][:2] for number in covered]
 
     def _frames(self, mesh: TrialMesh, cameras: Sequence[Camera]) -> Iterator[Frame]:
-        """Yield the images and depths of each camera; yield nothing without an OpenCL device."""
+        """Yield the images and depths of each camera. Yield nothing without an OpenCL device."""
         try:
             renderer = Renderer(asset_from_mesh(mesh.to_mesh()), "standard", self.device)
         except MsbError as error:
@@ -173,7 +173,7 @@ def make_facing_camera(size: int = PICTURE_WIDTH) -> Camera:
 
 
 def random_colors(labels: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Return a bright, reproducible colour (n, 3) for each label (n,); black for negative labels."""
+    """Return a bright, reproducible colour (n, 3) for each label (n,). Negative labels get black."""
     labels = np.maximum(labels, -1)
     palette = np.random.default_rng(7).uniform(0.25, 1.0, (int(labels.max(initial=0)) + 2, 3))
     palette[-1] = 0.0

@@ -127,7 +127,10 @@ class StrategyResult:
 
 
 def document(path: str | None, views: str, rows: Iterable[StrategyResult]) -> dict[str, Any]:
-    """Return a comparison of repairs as JSON data; `views` describes the views, such as "8 test views"."""
+    """Return a comparison of repairs as JSON data.
+
+    The argument `views` describes the views, such as "8 test views".
+    """
     return {"schema": SCHEMA, "path": path, "views": views, "strategies": [row.to_dict() for row in rows]}
 
 
@@ -271,7 +274,7 @@ def _render(asset: Asset, tier: Tier, cameras: Sequence[Camera], device: str | N
 def _save_picture(
     keep: Path, name: str, asset: Asset, done: Repaired, camera: Camera, device: str | None
 ) -> str | None:
-    """Write the image of a result and return its file name; return None if it cannot be rendered."""
+    """Write the image of a result and return its file name. Return None if the result cannot be rendered."""
     try:
         return save_picture(keep, name, asset, done, camera, device)
     except OutputError:  # the folder cannot be written

@@ -108,7 +108,7 @@ def trial(
     limits: Limits | None = None,
     device: str | None = None,
 ) -> list[Trial]:
-    """Try typical tasks of artists on a mesh; each task runs its usual library.
+    """Try typical tasks of artists on a mesh. Each task runs its usual library.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def try_asset(
     meshes: bool = True,
     watch: Callable[[Trial], None] = lambda _: None,
 ) -> Trials:
-    """Try tasks on an asset; see `trial` for the other parameters.
+    """Try tasks on an asset. See `trial` for the other parameters.
 
     The argument `view_kind` selects the kind of generated views, as in `msb.views.choose_views`.
 
@@ -218,7 +218,7 @@ def try_asset(
 
 
 def _repair(mesh: TrialMesh, options: Options) -> TrialMesh:
-    """Return the repaired mesh; raise TRIASSET_EMPTY if no face is left."""
+    """Return the repaired mesh. Raise TRIASSET_EMPTY if no face is left."""
     repaired, _ = repair_mesh(mesh.to_mesh(), options)
     if not len(repaired.faces):
         text = f"the repair {','.join(options.plan)} removed all faces of the mesh"

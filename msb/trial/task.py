@@ -36,7 +36,7 @@ Outputs = Mapping[str, Output]
 
 @dataclass(frozen=True)
 class Attempt:
-    """A library and the function that uses it; the function runs in a child process.
+    """A library and the function that uses it. The function runs in a child process.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Judgement:
 
     @property
     def rank(self) -> int:
-        """The rank of the outcome; 0 is the best outcome."""
+        """The rank of the outcome. The best outcome has the rank 0."""
         return OUTCOMES.index(self.outcome)
 
 
@@ -98,7 +98,7 @@ class Task:
         most one mesh.
     judge : callable
         A function of the mesh, the outputs by library, and the renderings. The function is called only if
-        there is an output; otherwise the task fails. If there are several outputs, the number "best" names
+        there is an output. Otherwise the task fails. If there are several outputs, the number "best" names
         the best library.
     summarize : callable
         A function that turns the numbers into a short text for a table.

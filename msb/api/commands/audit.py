@@ -97,8 +97,10 @@ def audit(
 
 
 class _Task:
-    """A single run of the command `msb audit`. All options are parsed first; then the meshes are read and
-    audited in turn."""
+    """A single run of the command `msb audit`.
+
+    All options are parsed first. Then the meshes are read and audited in turn.
+    """
 
     def __init__(self, options: AuditOptions, conditions: GateOptions, output: Output) -> None:
         from msb.topology.weld import parse_weld
@@ -118,7 +120,7 @@ class _Task:
         self.seen: tuple[Path, StoredMesh, Audit, Analysis] | None = None
 
     def run(self, paths: tuple[Path, ...]) -> int:
-        """Audit all inputs in `paths`; return the highest exit status."""
+        """Audit all inputs in `paths`. Return the highest exit status."""
         from msb.api.command_files import for_each
         from msb.topology.audit import SCHEMA
 
@@ -197,7 +199,7 @@ class _Task:
         return replace(result, cross_check=check.to_rows())
 
     def print_all(self, documents: list[dict[str, Any]]) -> None:
-        """Print a row for each mesh and a line of totals; with --quiet print only the totals."""
+        """Print a row for each mesh and a line of totals. With --quiet print only the totals."""
         from msb.api.commands.audit_text import print_summary, totals
 
         audits = [(document["path"], self.audits.get(document["path"], document)) for document in documents]

@@ -24,7 +24,7 @@ Verdict = Literal["agrees", "differs_by_definition", "disagrees"]
 # Time limit of each peer in seconds, plus this many seconds for each million faces. libigl needs 12 s per
 # million.
 PATIENCE = 60.0
-# Peers that other extras install too; NetworkX is a dependency of scikit-image (extra bench).
+# Peers that other extras also install. For example, NetworkX is a dependency of scikit-image (extra bench).
 ANYWAY = {"NetworkX"}
 
 
@@ -49,7 +49,10 @@ class Comparison:
 
 @dataclass(frozen=True)
 class CrossCheck:
-    """All comparisons; `skipped` maps a peer, or "PEER QUANTITY", to the reason for the missing answer."""
+    """All comparisons.
+
+    The field `skipped` maps a peer, or "PEER QUANTITY", to the reason for the missing answer.
+    """
 
     rows: tuple[Comparison, ...]
     skipped: dict[str, str]

@@ -67,7 +67,7 @@ PEER_STEPS: dict[str, PeerStep] = {
 
 
 def repair_by_peer(peer: str, step: str, points: NDArray[Any], faces: NDArray[Any], limits: Limits) -> Change:
-    """Return the change made by step `step` of peer `peer`; `PEER_STEPS` has the keys PEER-STEP.
+    """Return the change made by step `step` of peer `peer`. `PEER_STEPS` has the keys PEER-STEP.
 
     Faces with a repeated index are removed.
     """

@@ -25,7 +25,7 @@ def close(
     most_edges: int = MOST_EDGES,
     most_share: float = MOST_SHARE,
 ) -> Change:
-    """Close the holes with at most `most_edges` edges; added faces and vertices come last.
+    """Close the holes with at most `most_edges` edges. Added faces and vertices come last.
 
     A boundary loop of three edges gets one face. A boundary loop of four edges gets two faces that share a
     diagonal. The shorter diagonal is used, unless it is already an edge. A longer boundary loop gets a new

@@ -24,13 +24,13 @@ def cut(faces: NDArray[Any], vertex_count: int) -> Change:
 def split_vertices(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any]) -> Change:
     """Return the change that cuts faces apart, except at the given pairs of half-edges.
 
-    The first group of corners at a vertex keeps the vertex's number; each further group gets a copy. Faces
+    The first group of corners at a vertex keeps the vertex's number. Each further group gets a copy. Faces
     with a repeated index keep their vertices.
     """
     faces = mesh.faces
     count, group = group_corners(mesh, first, second)
     corners = np.flatnonzero(group != NONE)
-    # The first group at each vertex keeps the number; all other groups get numbers from vertex_count on.
+    # The first group at each vertex keeps the number. All other groups get numbers from vertex_count on.
     group_vertex = np.zeros(count, faces.dtype)
     group_vertex[group[corners]] = mesh.origin[corners]
     _, keeps = np.unique(group_vertex, return_index=True)  # Groups are numbered by their first corner.

@@ -25,7 +25,7 @@ def debris(
     """Remove components with fewer than `least_faces` faces, or less than `least_share` of the total weight.
 
     The argument `weights` (F,) must not be negative. The weights are, for example, the pixels that each face
-    covers; the default is the area. Faces with a repeated index belong to no component and are kept. Removing
+    covers. The default is the area. Faces with a repeated index belong to no component and are kept. Removing
     pieces increases the shares of the remaining components, so a second run removes nothing. The step takes
     O(F log F) time.
     """

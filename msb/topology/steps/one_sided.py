@@ -34,7 +34,7 @@ def cut_one_sided(
 ) -> tuple[Change, int, int]:
     """Return the change, the number of cuts, and the number of cut edges. No component stays one-sided.
 
-    Components are joined across two-face edges. Copies of the vertices along a cut are last; faces keep their
+    Components are joined across two-face edges. Copies of the vertices along a cut are last. Faces keep their
     positions. A mesh without one-sided components is not changed. If `only_manifold` is true, a mesh with
     edges of more than two faces is not changed, because cutting would separate all such edges.
     """

@@ -34,7 +34,7 @@ _PERCENT = 10
 
 
 def _prepare(_: TrialMesh, renderings: Renderings) -> dict[str, NDArray[Any]]:
-    """Sample the visible surface; the result is the array "visible" (n, 3)."""
+    """Sample the visible surface. The result is the array "visible" (n, 3)."""
     points = renderings.visible_points(_POINTS)
     return {} if points is None else {"visible": points}
 

@@ -12,7 +12,7 @@ from msb.trial.mesh import TrialMesh
 from msb.trial.renderings import Renderings
 from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, format_count, grade
 
-# Largest fraction of crossing faces for "works with limitations"; 1 % can be repaired by hand.
+# Largest fraction of crossing faces for "works with limitations". A fraction of 1 % can be repaired by hand.
 FEW = 0.01
 # Largest fraction of slivers for "works". With more slivers than this, the task works with limitations.
 # Slivers shade badly, but the audit still calls the mesh OK.

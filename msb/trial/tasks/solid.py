@@ -20,10 +20,10 @@ INWARDS = "the faces are wound inwards, so the volume is negative"
 
 
 def build_solid(mesh: TrialMesh) -> tuple[Any, Numbers]:
-    """Return manifold3d's solid of the mesh, and its status as numbers; run in a child process only.
+    """Return manifold3d's solid of the mesh, and its status as numbers.
 
-    The solid is None if manifold3d rejects the mesh even after merging vertices. On some meshes with unpaired
-    half-edges, manifold3d crashes.
+    Call this function only in a child process. The solid is None if manifold3d rejects the mesh even after
+    merging vertices. On some meshes with unpaired half-edges, manifold3d crashes.
     """
     import manifold3d
 

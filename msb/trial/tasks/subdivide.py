@@ -112,7 +112,7 @@ def measure_gap_area(
     mesh. The argument `points` starts with the vertices of the cut mesh, in their smoothed places.
     """
     _, place = merge_coincident(vertices, "exact")
-    # The edges (E,) of the cut mesh. `place` (V,) numbers the distinct locations; edges start at the lower
+    # The edges (E,) of the cut mesh. `place` (V,) numbers the distinct locations. Edges start at the lower
     # number.
     start, stop = build_half_edges(cut, len(vertices)).edge_vertices.astype(np.int64).T
     turned = place[start] > place[stop]
