@@ -196,7 +196,7 @@ def stored_object(given: object) -> StoredMesh:
     """Return the mesh of an object with arrays: a `Mesh`, a pair, or an object of another library.
 
     A pair is a tuple or list (vertices, faces). An object of another library can be a PolyData of pyvista.
-    Otherwise it needs the attributes `vertices` and `faces`, as in trimesh. The method `triangulate` of a
+    Any other object needs the attributes `vertices` and `faces`, as in trimesh. The method `triangulate` of a
     PolyData splits its polygons.
 
     Raises

@@ -107,7 +107,7 @@ class Asset:
         return found.values.astype(np.float32) / scale
 
     def audit(self, **options: Any) -> msb.Audit:
-        """Audit the mesh exactly as it is stored. The options are those of `msb.audit`."""
+        """Audit the mesh exactly as it is stored. The options are the options of `msb.audit`."""
         import msb
 
         return msb.audit(self, **options)
@@ -131,7 +131,10 @@ class Asset:
         return msb.render(self, camera, tier, **options)
 
     def save(self, path: str | os.PathLike[str], **options: Any) -> None:
-        """Write the asset in the format of the suffix of `path`. The options are those of `msb.save`."""
+        """Write the asset in the format of the suffix of `path`.
+
+        The options are the options of `msb.save`.
+        """
         import msb
 
         msb.save(self, path, **options)

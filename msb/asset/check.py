@@ -316,7 +316,7 @@ def _check_layout(buffers: dict[str, Json]) -> Iterator[Finding]:
 
     The buffers in a file must fill the file from byte 0, aligned and without gaps.
     """
-    # For each file, the (offset, length, name) of its buffers.
+    # Collect (offset, length, name) of the buffers of each file.
     files: dict[str, list[tuple[int, int, str]]] = {}
     for name, spec in buffers.items():
         files.setdefault(spec["file"], []).append((spec["offset"], spec["byte_length"], name))

@@ -42,9 +42,9 @@ def first_bad(array: NDArray[Any], *, infinite: bool = False) -> tuple[int, ...]
     for start in range(0, len(array) if array.size else 0, rows):
         part = array[start : start + rows]
         with np.errstate(over="ignore", invalid="ignore"):
-            # A fast test reduces the chunk: the minimum is NaN if any value is NaN, and a finite sum has only
-            # finite terms. A sum of finite values can also overflow. Therefore single values are tested if
-            # the sum is not finite.
+            # A fast test reduces each chunk to one value. The minimum is NaN if any value is NaN, and a
+            # finite sum has only finite terms. A sum of finite values can also overflow. Therefore single
+            # values are tested if the sum is not finite.
             total = part.min() if infinite else part.sum(dtype=np.float64)
         if np.isnan(total) if infinite else not np.isfinite(total):
             bad = np.isnan(part) if infinite else ~np.isfinite(part)

@@ -1,9 +1,8 @@
 """Check a parsed manifest against the JSON Schema triasset.schema.json.
 
-The schema file defines all keys and their values. This module interprets the few keywords of JSON Schema
-that the schema file uses. This module does not use `jsonschema`, because reading an asset must only need
-NumPy and the standard library. A test compares the results of this module with those of the library
-`jsonschema`.
+The schema file defines all keys and their values. This module interprets the few keywords of JSON Schema that
+the schema file uses. This module does not use `jsonschema`, because reading an asset must only need NumPy and
+the standard library. A test compares the results of this module with the results of the library `jsonschema`.
 
 The schema has two additional keywords. `x-code` is the error code of a violation, by default TRIASSET_FIELD.
 `x-closed` marks objects whose unknown keys cause a warning. Unlike in JSON Schema, ``4.0`` is not an integer

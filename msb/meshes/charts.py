@@ -120,6 +120,7 @@ def with_sampled_colors(mesh: Mesh) -> Mesh:
         return without_textures(mesh)
     corners = mesh.faces.reshape(-1)
     uvs = mesh.vertex_uvs[corners] if mesh.corner_uvs is None else mesh.corner_uvs  # type: ignore[index]
+
     # Compute `sampled` (3F, 4), the linear colour and alpha at each corner.
     sampled = _sample_corners(mesh, uvs.reshape(-1, 3, 2).astype(np.float64))
     if mesh.vertex_colors is None and mesh.face_colors is not None:

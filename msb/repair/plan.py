@@ -77,7 +77,7 @@ class Options:
         )
 
     def check(self) -> Options:
-        """Return the options after validation. Raise USAGE or WELD_DISTANCE if they are invalid."""
+        """Return the options after validation. Raise USAGE or WELD_DISTANCE if the options are invalid."""
         numbers = {
             name: checked_number(name, getattr(self, name), whole=name in _WHOLE)
             for name in ("pair_color", *_WHOLE, "debris_share", "close_share")

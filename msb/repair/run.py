@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
     Buffers = Mapping[str, NDArray[Any]]
 
-# Each step has a list of later steps that do not make it necessary to repeat the step. Turning faces moves no
-# vertex, and `debris` removes whole components. Repeating a step immediately changes nothing. `debris` must
-# be repeated after `orient`. `orient` cuts one-sided surfaces, so a component may fall apart.
+# Maps each step to the later steps after which the step need not be repeated. Turning faces moves no vertex,
+# and `debris` removes whole components. Repeating a step immediately changes nothing. `debris` must be
+# repeated after `orient`. `orient` cuts one-sided surfaces, so a component may fall apart.
 _UNTOUCHED_BY = {
     "orient": ("orient", "debris"),
     **dict.fromkeys(("pair", "cut"), ("pair", "cut", "orient", "debris")),
@@ -47,7 +47,7 @@ _UNTOUCHED_BY = {
     "outward": ("outward",),
 }
 # After the steps pair, cut or drop, no edge has more than two faces. In a plan with one of these steps,
-# `orient` only turns faces. The other step decides which faces stay connected.
+# `orient` only turns faces. The steps pair, cut and drop decide which faces stay connected.
 _RESOLVING = frozenset({"pair", "cut", "drop"})
 # Maximum number of repetitions of a plan. Most plans need two or three repetitions.
 _MAX_ROUNDS = 16

@@ -169,7 +169,7 @@ def find_components(mesh: HalfEdgeMesh, area: NDArray[np.float64]) -> tuple[Comp
     """Return the components joined across all edges, and the number of components joined across two-face
     edges only.
     """
-    # compact (F,): consecutive numbers for the faces without a repeated index.
+    # `compact` (F,) numbers the faces without a repeated index consecutively.
     proper = np.flatnonzero(~mesh.repeated_index)
     compact = np.full(mesh.face_count, NONE, mesh.faces.dtype)
     compact[proper] = np.arange(len(proper), dtype=mesh.faces.dtype)

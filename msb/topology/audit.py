@@ -261,7 +261,7 @@ def audit_arrays(
     The argument `attributes` contains the UVs and colours for which a file may duplicate vertices at seams.
     The function `msb.topology.seams.seam_attributes` returns these attributes. If `check_crossings` is true,
     the audit also tests whether the bodies of a closed mesh cross. Kernels compute the audit of a large mesh.
-    Parts of the analysis are computed only on use.
+    Each part of the analysis is computed when a caller uses the part.
     """
     points, triangles = mesh_arrays(vertices, faces)
     findings, analysis = find_findings(points, triangles)

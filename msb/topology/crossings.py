@@ -146,8 +146,8 @@ def _test_pairs(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDAr
     """Return a mask (n,) of the crossing pairs of triangles `first` and `second` (n, 3, 3)."""
     first, second = (np.ascontiguousarray(corners.transpose(1, 2, 0)) for corners in (first, second))
     result = np.zeros(first.shape[2], bool)
-    # signs_1 (3, n): sides of the corners of `first` relative to the planes of `second`. Most pairs are
-    # rejected here, because all three corners are on one side.
+    # Compute `signs_1` (3, n), the sides of the corners of `first` relative to the planes of `second`. Most
+    # pairs are rejected here, because all three corners of one face are on one side of the other face.
     signs_1 = np.stack([_find_sides(second[0], second[1], second[2], first[k]) for k in range(3)])
     rows = np.flatnonzero(np.abs(signs_1.sum(axis=0)) < 3)
     first, second, signs_1 = first[..., rows], second[..., rows], signs_1[:, rows]

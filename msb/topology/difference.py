@@ -62,13 +62,14 @@ def _find_surplus(rows: NDArray[Any], other: NDArray[Any]) -> NDArray[np.int64]:
     group_of_row, group_of_other = np.split(group.reshape(-1), [len(rows)])
     order = np.argsort(group_of_row, kind="stable")
     group_of_row = group_of_row[order]
-    # rank: number of equal rows before each row. A row is surplus if `other` has at most `rank` equal rows.
+    # `rank` is the number of equal rows before each row. A row is surplus if `other` has at most `rank` equal
+    # rows.
     rank = np.arange(len(group_of_row)) - np.searchsorted(group_of_row, group_of_row)
     return np.sort(order[rank >= np.bincount(group_of_other, minlength=len(group))[group_of_row]])
 
 
 def _find_first(rows: NDArray[Any], wanted: NDArray[Any]) -> NDArray[np.int64]:
-    """Return for each row of `wanted` the number of the first equal row in `rows` (n, k).
+    """For each row of `wanted`, return the number of the first equal row in `rows` (n, k).
 
     Rows of `wanted` that equal no row are skipped.
     """

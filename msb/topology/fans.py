@@ -1,9 +1,9 @@
 """Fans around vertices, boundary loops, and the definitions of a non-manifold vertex.
 
 A *fan* is a set of corners at one vertex that are connected across two-face edges. A vertex is manifold
-exactly if it has one fan. If the link of a manifold vertex is cut at nodes of degree three and more, it is a
-single path or cycle. The proof is in docs/definitions.md. Tests check the identity *strict = several fans =
-multifan or endpoint of a non-manifold edge*.
+exactly if it has one fan. If the link of a manifold vertex is cut at nodes of degree three and more, the
+result is a single path or cycle. The proof is in docs/definitions.md. Tests check the identity *strict =
+several fans = multifan or endpoint of a non-manifold edge*.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
 """Half-edge structure: 3F half-edges, grouped into edges by their undirected vertex pairs.
 
-A classic half-edge mesh allows at most two faces per edge. It would therefore change a non-manifold mesh
-before the audit counts it. In this structure an edge is a *group* of any number of half-edges. No face or
-vertex is merged, dropped, reoriented or repaired.
+A classic half-edge mesh allows at most two faces per edge. A classic half-edge mesh would therefore change a
+non-manifold mesh before the audit counts it. In this structure an edge is a *group* of any number of
+half-edges. No face or vertex is merged, dropped, reoriented or repaired.
 
 Half-edge ``h = 3 f + k`` belongs to face f and runs from corner k to corner k + 1 (mod 3) of that face. The
 corner at the start of half-edge h has the number h. The definitions come from docs/definitions.md and the

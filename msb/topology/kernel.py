@@ -275,6 +275,7 @@ class _Run:
             self.chunks, 1, self._share(self.points, "points"), self.on_device,
             areas, self.parents, sizes, rims, strange, *_to_uints(count, self.chunk),
         )  # fmt: skip
+
         # Unite faces that follow each other along the boundary. In each boundary loop, one pair connects two
         # faces that are already in one set.
         joined = self._unite_pairs(RIM, rims)

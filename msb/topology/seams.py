@@ -113,8 +113,8 @@ def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes
     rows, set_of = find_coincident_vertices(points)
     if not len(rows):
         return None
-    # place (V,): the first vertex with equal coordinates. double (V,): whether another vertex has equal
-    # coordinates.
+    # `place` (V,) is the first vertex with equal coordinates. `double` (V,) states whether another vertex has
+    # equal coordinates.
     place = np.arange(len(points))
     place[rows] = rows[set_of]
     double = np.zeros(len(points), bool)
@@ -232,8 +232,8 @@ def _find_torn_edges(
     ends, ends_at = (
         np.stack([rows, np.roll(rows, -1, axis=1)], axis=-1).reshape(-1, 2) for rows in (faces, corners)
     )
-    # ends, ends_at (3F, 2): vertices and corners at both ends of each half-edge. Keep edges with a
-    # duplicated vertex whose ends are at different positions.
+    # `ends` and `ends_at` (3F, 2) are the vertices and corners at both ends of each half-edge. Keep edges
+    # with a duplicated vertex whose ends are at different positions.
     start, end = ends.T
     number = np.flatnonzero((double[start] | double[end]) & (place[start] != place[end]))
     ends = ends[number]
@@ -252,7 +252,8 @@ def _find_torn_edges(
     )
     group = group.reshape(-1)
     other = first[group]
-    # differs (E,): whether attributes that are read differ. by_key (E,): whether only the seam keys differ.
+    # `differs` (E,) states whether attributes that are read differ. `by_key` (E,) states whether only the
+    # seam keys differ.
     differs, by_key = np.zeros(len(edges), bool), np.zeros(len(edges), bool)
     for name, values in corner_values.items():
         unequal = (values[corner] != values[corner[other]]).any(axis=(1, 2))
@@ -316,8 +317,8 @@ def audit_merged(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) 
     """Return the counts after the weld that closes an open mesh.
 
     Return None for more than `MOST_FACES` faces. The argument `findings` describes the mesh as it is stored.
-    An exact weld is tried first. If it does not close the mesh, vertices of boundary edges that differ by
-    rounding are merged. The result is also None if no vertices differ only by rounding.
+    An exact weld is tried first. If the exact weld does not close the mesh, vertices of boundary edges that
+    differ by rounding are merged. The result is also None if no vertices differ only by rounding.
     """
     counts = findings.counts
     if not counts.boundary_edges or counts.faces > MOST_FACES:

@@ -47,7 +47,7 @@ class Bodies:
 def check_bodies(points: NDArray[Any], faces: NDArray[Any], components: int) -> Bodies:
     """Return the state of the bodies of a closed mesh with finite coordinates and the given number of
     components."""
-    # label (F,): the body of each face. A single component is a single body.
+    # `label` (F,) is the body of each face. A single component is a single body.
     label = np.zeros(len(faces), np.int64) if components == 1 else label_bodies(faces, len(points))
     touching = 0 if components == 1 else _count_touching(points, faces, label)
     inside_out, flat = find_inside_out(points, faces, label)

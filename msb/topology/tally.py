@@ -95,7 +95,8 @@ def add_up(totals: Totals, timings_ms: dict[str, float], computed_by: str) -> Fi
         manifold_edges=edges - count_of["boundary_edges"] - count_of["nonmanifold_edges"],
         max_edge_faces=int(tallies["max_edge_faces"].max()),
         boundary_loops=totals.boundary_loops,
-        # A closed loop has as many links as edges. An open chain has one link fewer.
+        # A closed loop has as many links as edges. In an open chain, the number of links is one below the
+        # number of edges.
         open_boundary_chains=count_of["boundary_edges"] - int(tallies["rim_links"].sum()),
         components=totals.components,
         components_manifold_edges=totals.two_face_components,

@@ -313,9 +313,9 @@ def _describe_flips(audit: Audit) -> str:
 class _Fault:
     """A kind of fault in a mesh.
 
-    The field `describe` is a function. It returns a clause with the extent of the fault, or "" for a mesh
-    without this fault. The field `tasks` is a function. It returns a clause with the tasks that the mesh is
-    usable for if this fault is the gravest.
+    The field `describe` is a function. The function returns a clause with the extent of the fault, or "" for
+    a mesh without this fault. The field `tasks` is a function. It returns a clause with the tasks that the
+    mesh is usable for if this fault is the gravest.
     """
 
     level: Level
@@ -412,7 +412,10 @@ def percent(part: int, whole: int) -> str:
 
 
 def _describe_welded(audit: Audit) -> str:
-    """Return the result of the requested weld, or of the exact weld if it closes the mesh."""
+    """Return the result of the requested weld.
+
+    Without a request, return the exact weld if this weld closes the mesh.
+    """
     if audit.welded is None:
         return "; closed once coincident vertices are merged" if audit.closed_once_merged else ""
     counts = audit.welded.counts

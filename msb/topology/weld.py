@@ -85,10 +85,10 @@ def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
 
 
 def find_coincident_vertices(vertices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the vertices (n,) that share their coordinates with others, in ascending order, and their
-    groups (n,).
+    """Return the vertices (n,) that share their coordinates with other vertices, in ascending order.
 
-    The number of a group is the position of its lowest vertex in the first array.
+    Also return the group (n,) of each vertex. The number of a group is the position of its lowest vertex in
+    the first array.
     """
     points = _to_stored(vertices)
     hashes, repeated = _hash_rows(points.view(np.uint32))
@@ -119,7 +119,7 @@ def _hash_rows(
 
 
 def _label_exact(points: NDArray[np.float32]) -> NDArray[Any]:
-    """Return for each of the points (V, 3) from `_to_stored` the lowest vertex with equal coordinates."""
+    """For each of the points (V, 3) from `_to_stored`, return the lowest vertex with equal coordinates."""
     bits = points.view(np.uint32)
     order = np.lexsort(bits.T[::-1])
     rows = bits[order]
@@ -142,7 +142,9 @@ def _to_stored(vertices: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _label_near(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
-    """Return for each vertex (V,) the lowest vertex that a chain of steps up to `distance` connects to it."""
+    """For each vertex (V,), return the lowest vertex that a chain of steps up to `distance` connects to this
+    vertex.
+    """
     from scipy.spatial import cKDTree
 
     with np.errstate(over="ignore"):

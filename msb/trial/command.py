@@ -85,9 +85,9 @@ def trial(
     """Try typical tasks of artists: unwrap, decimate, subdivide, cut, make a collision shape, print.
 
     Each task runs libraries that artists' tools use, in a child process with time and memory limits. The
-    tasks use the mesh as stored. Options merge its vertices or repair it first. Results are rendered and
-    compared in the views of --cameras. By default, --cameras are the training views if the model stores them,
-    else generated views.
+    tasks use the mesh as stored. Options can merge the vertices of the mesh or repair the mesh first. Results
+    are rendered and compared in the views of --cameras. By default, --cameras are the training views if the
+    model stores them, else generated views.
     """
     from msb.api.command_files import for_each
     from msb.trial.run import SCHEMA

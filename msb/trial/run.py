@@ -180,8 +180,9 @@ def try_asset(
 
     The argument `view_kind` selects the kind of generated views, as in `msb.views.choose_views`.
 
-    The argument `keep` is the folder for results. An image of each task is saved in this folder, and with
-    `meshes` also the results as GLB files. The argument `watch` is called with the result of each task.
+    The argument `keep` is the folder for results. An image of each task is saved in this folder. With
+    `meshes`, the results are also saved as GLB files. The argument `watch` is called with the result of each
+    task.
     """
     selected = select_tasks(tasks)
     limits = Limits() if limits is None else limits
@@ -325,7 +326,7 @@ class _TaskRun:
     def add_file_verdict(
         self, judgement: Judgement, summary: str, outputs: dict[str, Output], files: Sequence[str]
     ) -> tuple[Judgement, str]:
-        """Return the judgement and the summary, both with the verdict on the mesh of the best result.
+        """Return the judgement and the summary. Both contain the verdict on the mesh of the best result.
 
         If the result is BAD or worse than the original, the best possible outcome is "works with
         limitations".

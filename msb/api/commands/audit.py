@@ -138,7 +138,7 @@ class _Task:
     def audit_mesh(self, path: Path, alone: bool) -> tuple[dict[str, Any], int]:
         """Audit the mesh at `path` and print the report.
 
-        Return its JSON data, and the exit status of the gates, which are conditions.
+        Return the JSON data of the audit, and the exit status that follows from the gates (conditions).
         """
         from msb.api.auditing import audit_stored
         from msb.api.command_files import note_warnings
@@ -159,7 +159,7 @@ class _Task:
             from msb.topology.elements import find_elements
 
             write_elements(find_elements(analysis), self.options.elements, overwrite=self.output.force)
-        # Print the report, after a blank line unless it is the first report.
+        # Print the report. Print a blank line before every report except the first.
         times = ", ".join(f"{stage} {time:.1f} ms" for stage, time in result.timings_ms.items())
         self.output.note(f"{path}: {result.computed_by}: {times}", level=1)
         if self.output.prints_text:

@@ -25,7 +25,7 @@ def info(path: Source, output: JsonOutput) -> None:
 
     For a .triasset, the command reads the manifest and checks paths and sizes. msb validate also checks the
     values. For a mesh file or checkpoint, msb info shows the asset that msb convert would write. Gaussian
-    splats are not a mesh. The command shows them, and ends with exit status 4.
+    splats are not a mesh. The command shows Gaussian splats, and ends with exit status 4.
     """
     from msb.api.command_files import open_asset
     from msb.asset.tiers import reject_gaussians

@@ -236,8 +236,8 @@ def _expect_flag(quantity: str, call: str, ours: bool, theirs: bool, facts: Fact
 def expect_manifold3d(facts: Facts) -> list[Expected]:
     """Return whether manifold3d should accept the mesh.
 
-    manifold3d pairs half-edges in opposite directions. Therefore it accepts an edge with two faces in each
-    direction. manifold3d requires at least four vertices and four faces.
+    manifold3d pairs half-edges in opposite directions. Therefore manifold3d accepts an edge with two faces in
+    each direction. manifold3d requires at least four vertices and four faces.
     """
     counts, mesh = facts.counts, facts.analysis.mesh
     ours = _is_oriented(counts)

@@ -36,7 +36,7 @@ def count_pairs(faces: NDArray[Any]) -> dict[str, int]:
     low, high = np.minimum(start, end), np.maximum(start, end)
     span = start.max(initial=np.uint64(0)) + np.uint64(1)
     pair, member, count = np.unique(low * span + high, return_inverse=True, return_counts=True)
-    # first, second: half-edges that follow each other in the sorted order of one pair.
+    # The half-edges `first` and `second` follow each other in the sorted order of one pair.
     order = np.argsort(member, kind="stable")
     linked = member[order][1:] == member[order][:-1]
     first, second = order[:-1][linked], order[1:][linked]

@@ -217,7 +217,7 @@ def ask_nvidia(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answe
 
 
 def _finite_or_none(value: Any) -> float | None:
-    """Return a finite float, or None: JSON has no NaN."""
+    """Return a finite float. Other values become None, because JSON has no NaN."""
     number = float(value)
     return number if math.isfinite(number) else None
 

@@ -47,7 +47,7 @@ def close(
     around = np.zeros(len(rim.sizes))
     around[rim.loop] = parts.areas[parts.face_component[face_of(rim.halfedge)]]
     small &= cap <= most_share * around
-    # A cap over the outline of a single triangle would only repeat it.
+    # A cap over the outline of a single triangle would only repeat the triangle.
     face = face_of(rim.halfedge)
     lowest, highest = np.full(len(small), len(faces)), np.full(len(small), -1)
     np.minimum.at(lowest, rim.loop, face)
@@ -113,8 +113,8 @@ def _find_rims(analysis: Analysis) -> _RimEdges:
     halfedge = mesh.edge_halfedges[mesh.edge_offsets[boundary.edges]]
     after = next_in_face(halfedge)
     leaves, enters = fans.corner_fan[halfedge], fans.corner_fan[after]
-    # `begins_at` is the boundary edge that leaves each fan. If an edge leaves a fan, it follows the boundary
-    # edge that enters the same fan.
+    # `begins_at` is the boundary edge that leaves each fan. The edge that leaves a fan follows the boundary
+    # edge that enters this fan.
     begins_at = np.full(len(fans.fan_vertex), NONE, np.intp)
     begins_at[leaves] = np.arange(len(halfedge))
     follows = begins_at[enters]
@@ -150,7 +150,8 @@ def _cap_quadrangles(
 ) -> tuple[list[Cap], NDArray[Any]]:
     """Return caps of two faces each, and the loops of which both diagonals are already edges."""
     count = len(analysis.vertices)
-    # corner, beside (n, 4): vertices of each loop in order, and the face at each boundary edge.
+    # `corner` (n, 4) has the vertices of each loop in order. `beside` (n, 4) has the face at each boundary
+    # edge.
     places = _walk_around(rim, first, 4)
     corner = np.stack([rim.start[place] for place in places], axis=1)
     beside = np.stack([face_of(rim.halfedge[place]) for place in places], axis=1)

@@ -47,7 +47,7 @@ def _remove(
         face, edge = _list_faces_at(edges, np.flatnonzero(keep), count > 2)
         if len(face) == 0:
             return
-        # order: faces with many crowded edges come first, then faces with a small weight.
+        # `order` lists faces with many crowded edges first, then faces with a small weight.
         score = np.bincount(face, minlength=len(keep))
         among = np.flatnonzero(score)
         order = np.lexsort((_scramble(among), weight[among], -score[among]))

@@ -119,7 +119,7 @@ def measure_gap_area(
     start, stop = np.where(turned, stop, start), np.where(turned, start, stop)
     here, there = place[start], place[stop]
     middle = _find_middles(start, stop, fine)
-    # Group coinciding edges. lead (E,) is the first edge in the group of each edge.
+    # Group coinciding edges. `lead` (E,) is the first edge in the group of each edge.
     _, group, count = np.unique(
         np.stack([here, there], axis=1), axis=0, return_inverse=True, return_counts=True
     )
@@ -156,7 +156,8 @@ def _find_middles(
     corner = corners[rows, turn]
     pairs = [(corner, corners[rows, (turn + k) % 3]) for k in (1, 2)]
     vertex, middle = (np.concatenate(column) for column in zip(*pairs, strict=True))
-    # The middle of an edge is paired with both ends of the edge. Each face at an edge repeats these pairs.
+    # The middle of an edge is paired with both ends of the edge. A pair is repeated for each face at the
+    # edge.
     ends = np.unique(np.stack([middle, vertex], axis=1), axis=0)
     low, high = ends[0::2, 1], ends[1::2, 1]
     # Find the edges by a key made of their two ends.
