@@ -53,7 +53,7 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
     ----------
     vertices : (V, 3) real numbers, Asset, path-like, pair or mesh
         Coordinates in any unit of length; NaN values are allowed and counted. Omit `faces` for all other
-        inputs. These are an asset, a path that `msb.open` accepts, a pair ``(vertices, faces)``, a
+        inputs. The other inputs are an asset, a path that `msb.open` accepts, a pair ``(vertices, faces)``, a
         `msb.meshes.Mesh`, any object with `vertices` and `faces` such as a trimesh, and a pyvista PolyData.
         The method `triangulate` of a PolyData splits its polygons. The audit of a mesh file uses the
         precision of the file, as `msb audit PATH` does. In contrast, `msb.open` rounds to float32.

@@ -11,7 +11,7 @@ from msb.asset.asset import Asset
 
 
 def sigmoid(logits: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return 1 / (1 + exp(-x)). Each step is rounded to float32, as in torch.
+    """Return 1 / (1 + exp(-x)). Each operation is rounded to float32, as in torch.
 
     For some logits, a single rounding of a float64 result gives a different float32 value. If an STE
     threshold lay between the two values, different faces would be hidden. Infinite logits give the opacities

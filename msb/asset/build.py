@@ -151,9 +151,9 @@ def build_asset(
 def measure_bounds(positions: NDArray[np.float32]) -> tuple[Bounds, BoundingSphere]:
     """Return the bounding box and a bounding sphere of the finite rows of `positions` (V, 3).
 
-    At least one row must be finite. The sphere has the centre of the bounding box. Its radius is at most
-    sqrt(3) times the radius of the smallest sphere. The result does not depend on the order of the points.
-    The function takes O(V) time and O(1) memory.
+    At least one row must be finite. The sphere has the centre of the bounding box. The radius of the sphere
+    is at most sqrt(3) times the radius of the smallest sphere. The result does not depend on the order of the
+    points. The function takes O(V) time and O(1) memory.
     """
     # First pass: compute the bounding box. Second pass: compute the largest distance of a vertex from the
     # centre of the box.

@@ -134,7 +134,7 @@ def _pack(legs: Floats, blocks: int, block: int) -> tuple[float, _Cells, Ints | 
 def _make_cells(legs: Floats, block: int) -> _Cells:
     """Return cells for faces with legs (F, 2) in blocks, rounded up to whole blocks.
 
-    Sampling a mip level interpolates between texel centres. Therefore a single face in a texture needs a
+    Sampling a mip level interpolates between texel centres. A single face in a texture therefore needs a
     margin of half a block on all sides. Two faces in one cell need two more blocks between them in each
     direction.
     """
@@ -310,8 +310,8 @@ def _cut_charts(vertices: Singles, faces: NDArray[np.uint32]) -> tuple[Floats, I
         places.append(uv.astype(np.float64) * (cut.width, cut.height))
         charts.append(np.asarray(cut.get_mesh_vertex_assignment(number)[1]).astype(np.int64))
     chart = np.concatenate(charts)
-    # xatlas assigns faces without an area to no chart. Their chart number is huge. Faces without an area are
-    # invisible, so any chart is suitable.
+    # xatlas assigns faces without an area to no chart. These charts get a huge chart number. Faces without an
+    # area are invisible, so any chart is suitable.
     chart[chart >= cut.chart_count] = 0
     return np.concatenate(places), joined, chart
 

@@ -31,8 +31,8 @@ _STEP_LENGTHS = 0.015, 0.0005
 # the size of the images.
 PIXELS_TO_MOVE = 1 << 18
 # If a method has no static colours, the colours vary within each face. Faces with varying colours are cut
-# into four faces. They stay whole if the new number of faces would exceed this limit or the face budget. With
-# more faces, each face would cover too few pixels of the images.
+# into four faces. Faces stay whole if the new number of faces would exceed this limit or the face budget.
+# With more faces, each face would cover too few pixels of the images.
 _MAX_QUARTERED = 20_000
 # The default face budget is one face per 2.5 pixels that the model covers in an average view. With smaller
 # faces, the faces follow the pixel grid of the training images, and the PSNR of other views falls.

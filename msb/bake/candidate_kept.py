@@ -11,7 +11,7 @@ from msb.meshes.mesh import Mesh
 from msb.repair.assets import repair_mesh
 from msb.repair.plan import Options
 
-# The face selection has a largest number of rounds, and a number of rounds between two validations. The third
+# The face selection has a largest number of rounds, and a number of rounds between two validations. The last
 # number ends the selection after this many successive validations without a gain. A selection round tries 8 %
 # of the faces, so 60 rounds try each face about five times.
 _ROUNDS, _VALIDATION_STEP, _PATIENCE = 60, 5, 6

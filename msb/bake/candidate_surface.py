@@ -51,8 +51,9 @@ CELLS = 144
 # The coarsest grid has 144 / 8 cells along its longest side.
 _MIN_CELLS = 18
 # A grid of 288 cells per side is tried if the error with 144 cells is below 75 % of the error with 72 cells.
-# Otherwise the finer grid would follow the noise of the soup. Moving vertices does not remove this noise.
-# With an uneven soup, a grid of 288 cells lost up to 8 dB. Grids below this error ratio gain up to 1.4 dB.
+# Without this condition, a finer grid would follow the noise of the soup. Moving vertices does not remove
+# this noise. With an uneven soup, a grid of 288 cells lost up to 8 dB. Grids below this error ratio gain up
+# to 1.4 dB.
 _MAX_ERROR_RATIO = 0.75
 # If the time limit for moving vertices is below this value, only one grid is tried. For a scene, further
 # grids would take many times as long.
@@ -63,11 +64,11 @@ _BUDGET_TOLERANCE = 1.25
 # a larger budget the reduction in two steps is rarely better.
 _TWO_STEP_FACES = 4_000
 # The error of a search state is multiplied by this power of its bending, divided by the bending at the start.
-# So a surface with 10 % more bending must have a PSNR gain of 0.2 dB.
+# Therefore a surface with 10 % more bending must have a PSNR gain of 0.2 dB.
 _BENDING_POWER = 0.5
-# These values apply to a surface from a model's own depths. They are the rounds of smoothing before the face
-# reduction, and the steps that move the vertices. Fairing and more steps cost detail, such as the features of
-# a face, and up to 0.4 dB.
+# These values apply to a surface from a model's own depths. The values are the rounds of smoothing before the
+# face reduction, and the steps that move the vertices. Fairing and more steps cost detail, such as the
+# features of a face, and up to 0.4 dB.
 _SMOOTH_TURNS, _OWN_DEPTH_STEPS = 10, 1
 # A part is removed as a speck if it covers less than this share of the pixels of all views.
 MIN_PART_SHARE = 1e-4

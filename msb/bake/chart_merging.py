@@ -19,8 +19,8 @@ from msb.topology.faces import face_vectors
 
 # Charts with fewer faces than this are merged into larger charts.
 MIN_CHART_FACES = 50
-# An unfolded corner may lie near the place of the same vertex in the chart. It moves to this place if the
-# distance is below this share of the shared edge. An unfolded corner at a larger distance becomes a seam.
+# An unfolded corner may lie near the place of the same vertex in the chart. The corner moves to this place if
+# the distance is below this share of the shared edge. An unfolded corner at a larger distance becomes a seam.
 _SNAP = 0.3
 # An unfolded face is tried with these heights above the shared edge, relative to its true height. The last
 # heights in the list are for faces in a gap of a chart, where the surface has a spike.

@@ -40,8 +40,8 @@ _AGGRESSIVENESS, _HIGH_AGGRESSIVENESS = 5, 7
 # pixels of an average vertex after the reduction. With these limits, unseen parts of a walled scene have 10 %
 # of the faces instead of 43 %, and PSNR rises by 0.3 dB.
 _MAX_MERGED_PIXELS, _MAX_MERGED_SHARE = 2.0, 0.1
-# Vertices are only merged along edges that a reduction to this share of the face budget collapses. This
-# limits how coarse unseen parts become.
+# Vertices are only merged along edges that a reduction to this share of the face budget collapses. This limit
+# prevents unseen parts from becoming too coarse.
 _COARSEST_SHARE = 1 / 8
 # A surface is first reduced to this multiple of the face budget. All variants of the further reduction start
 # from this shared surface. The shared first reduction saves a fifth of the time and loses no detail that a
@@ -104,7 +104,10 @@ def select_visible_parts(points: Floats, faces: Ints, pixels: Ints, least: float
 
 
 def drop_unused_points(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Return the points that faces use, in their previous order. Also return the renumbered faces."""
+    """Return the points that faces use, in their previous order.
+
+    Also return the faces with the new point numbers.
+    """
     used = np.zeros(len(points), bool)
     used[faces] = True
     return points[used], (np.cumsum(used) - 1)[faces]
@@ -330,8 +333,8 @@ def find_crossing_faces(points: Floats, faces: Ints, space: Space, moved: Mask |
     if not space.contracted:
         return np.unique(find_crossing_pairs(corners, of=tested))
     # Boxes in the contracted coordinates find candidate pairs of crossing faces. A face that is flat in the
-    # world is bent in contracted coordinates. Therefore its box contains its corners, edge midpoints and
-    # centre (F, 7, 3).
+    # world is bent in contracted coordinates. Therefore the box of a face contains the face's corners, edge
+    # midpoints and centre (F, 7, 3).
     more = [(corners + np.roll(corners, 1, axis=1)) / 2, corners.mean(axis=1, keepdims=True)]
     bent = np.concatenate([corners, *more], axis=1)
     places = space.from_world(bent.reshape(-1, 3)).reshape(bent.shape)

@@ -124,8 +124,8 @@ def make_collision(
     kind : str
         "mesh:N": a surface of about N faces. "hulls:N": up to N convex parts, which CoACD cuts the solid
         into. "box": one box, rotated so that its volume is small. If neither the mesh nor its enclosure is
-        closed, hulls are made instead of a mesh. A scene gets hulls of surface patches. Other meshes get such
-        hulls if CoACD does not finish.
+        closed, hulls are made instead of a mesh. A scene gets hulls of surface patches. Other meshes also get
+        hulls of patches if CoACD does not finish.
     cameras : sequence of Camera
         The parts of an open mesh that these cameras see are enclosed. A surface of a scene has most of its
         faces near the cameras.

@@ -78,7 +78,7 @@ def smooth(points: Floats, faces: Ints, turns: int) -> Floats:
 def fair(points: Floats, faces: Ints) -> Floats:
     """Filter the normals and move the vertices of a surface in some turns. Return the points (V, 3).
 
-    A surface with few faces has few small dents. Therefore it gets fewer turns or none.
+    A surface with few faces has few small dents. Therefore such a surface gets fewer turns or none.
     """
     neighbours = find_neighbours(faces, len(points))
     average = make_neighbour_average(faces, len(points))

@@ -70,8 +70,8 @@ _OPAQUE_NOTE = (
 def _choose_texture_side(whole: int, share: float, faces: int) -> int:
     """Return the side of a level's texture in texels.
 
-    The side is a power of two for this `share` of the texels. Each of the `faces` gets a few texels. The
-    level's texture is never larger than the whole texture.
+    The side is a power of two. The argument `share` is the level's share of the texels. Each of the `faces`
+    gets a few texels. The level's texture is never larger than the whole texture.
     """
     least = min(whole, 1 << math.ceil(math.log2(math.sqrt(_TEXELS_PER_FACE * max(faces, 1)))))
     return max(least, 1 << int(math.log2(whole * math.sqrt(share)) + 1e-9))

@@ -126,8 +126,8 @@ def bake(
         for the report.
     cameras : iterable of Camera, optional
         Views instead of a scene's; every 8th view is held out for the report. Default: the training cameras
-        if their file lies beside the model, else 40 generated views around the model or inside it. Fewer than
-        40 supervising views are completed by interpolated views.
+        if their file lies beside the model, else 40 generated views around the model or inside it. If there
+        are fewer than 40 supervising views, interpolated views are added.
     background : (3,) floats, or str, optional
         As for `msb.render`. Default: the scene's background, else the asset's.
     device : str, optional

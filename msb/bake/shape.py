@@ -23,8 +23,8 @@ from msb.topology.faces import face_vectors
 
 # Angle in degrees above which an edge is a crease, and above which a pixel's normal counts as wrong.
 SHARP = 30.0
-# If two depths differ by more than this share of the size, the pixel shows different parts. Such pixels are
-# excluded.
+# If two depths differ by more than this share of the size, the pixel shows different parts. Pixels that show
+# different parts are excluded.
 _MAX_DEPTH_SHARE = 0.05
 # The size is measured with a box that excludes this percentage of the visible points at each side.
 _TRIM_PERCENT = 1.0

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 # A model is a scene if more than this share of the visible points is farther from the focus than the cameras.
-# Otherwise the model is an object.
+# Otherwise the model counts as an object.
 _SCENE_SHARE = 0.02
 # Radius of the uncontracted part of a scene, in median distances of the cameras from the focus.
 _NEAR_RADIUS = 0.5

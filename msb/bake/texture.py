@@ -102,7 +102,7 @@ def fit_texture(
         sampler=_SAMPLER,
     )
     # Each of the two passes sums the equations over the images, and solves for the change of the texels. The
-    # change is then added and rounded.
+    # change is added to the texture and rounded.
     few = select_first_pass(images)
     total = len(few) + len(images)
     for chosen, before in (few, 0), (images, len(few)):
@@ -182,7 +182,8 @@ def _draw_initial_texture(
                 tile = np.s_[top : top + height, left : left + width]
                 assert frame.face_id is not None
                 faces[tile], texture[tile] = frame.face_id, np.rint(frame.image * 255)
-    # A face that covers no texel centre is a point. Its texel gets the average colour of the face.
+    # A face that covers no texel centre is a point. The texel at this point gets the average colour of the
+    # face.
     x, y = np.clip((uvs[::3] * size).astype(np.int64), 0, size - 1).T
     drawn = np.bincount(faces[faces >= 0], minlength=len(mesh.faces)) > 0
     lost = np.flatnonzero(~drawn & (faces[y, x] < 0))
@@ -203,7 +204,7 @@ def label_charts(mesh: Mesh, uvs: Singles) -> NDArray[np.int32]:
 
     Faces that share a corner in the texture (3F, 2) are in one chart.
     """
-    # Corners at one place of the texture become one node of a graph. These nodes connect the faces.
+    # Corners at one place of the texture become one node of a graph. The nodes connect the faces.
     keys = np.ascontiguousarray(uvs).view(np.uint64).reshape(-1)
     _, point = np.unique(keys, return_inverse=True)
     count = len(mesh.faces)

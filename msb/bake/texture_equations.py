@@ -1,9 +1,9 @@
 """The normal equations of a texture and its mip levels are stored as stencils and solved on the device.
 
 A pixel on one mip level shows four neighbouring texels. A pixel between two levels shows four texels of each
-level. So a texel is only coupled to its eight neighbours in the same level. A texel of a smaller mip level is
-the average of four texels of the next larger level. The memory therefore grows with the number of texels, not
-with the number of pixels.
+level. A texel is therefore only coupled to its eight neighbours in the same level. A texel of a smaller mip
+level is the average of four texels of the next larger level. The memory therefore grows with the number of
+texels, not with the number of pixels.
 """
 
 from __future__ import annotations

@@ -15,8 +15,8 @@ from msb.render.device_scope import in_turn
 
 # Work-items of a work-group: for pixels, and for the much smaller number of texel rows.
 _GROUP, _ROW_GROUP = 64, 8
-# Number of floats per face in bake_texture.cl. They store the linear forms of the face's texture coordinates,
-# and the bounds.
+# Number of floats per face in bake_texture.cl. These values store the linear forms of the face's texture
+# coordinates, and the bounds.
 _FACE_FLOATS = 16
 
 

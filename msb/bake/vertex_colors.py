@@ -19,7 +19,8 @@ from msb.meshes.mesh import Mesh
 def fit_vertex_colors(mesh: Mesh, images: ViewImages, device: str | Device | None) -> Mesh:
     """Return `mesh` with the vertex colours that fit the images best. Unseen vertices keep their colours.
 
-    Two copies of a vertex at a cut edge may have the same colour. Their fitted colours must then be equal.
+    Two copies of a vertex at a cut edge may have the same colour. The fitted colours of both copies must then
+    be equal.
     """
     soup = Soup.from_mesh(mesh, share_colors=True)
     if soup.shared is not None and mesh.vertex_colors is not None:

@@ -160,7 +160,7 @@ def align_baked(baked: Asset, asset: Asset) -> Asset:
     """Convert a mesh that was baked from `asset` to the coordinates and the origin of `asset`.
 
     Files of baked meshes are rotated so that +y is up, because their formats require this axis. This function
-    undoes the rotation.
+    undoes the rotation of the vertices.
     """
     mesh, up = mesh_from_asset(baked), written_up(asset)
     vertices = rotate_axis(mesh.vertices, mesh.up or "unknown", up or "unknown")
@@ -184,9 +184,9 @@ def fit_to_format(mesh: Mesh, suffix: str, *, is_upright: bool = False) -> Mesh:
 
     Colours and UVs are moved to the elements for which the format stores them, usually vertices. Textures
     become vertex colours if the format has no textures. The mesh is in metres if its unit is known. A mesh
-    with a known up axis is rotated so that +y is up. This requires a format with an up axis, or `is_upright`.
-    If the format cannot share vertices between faces, every face gets three separate vertices. Coordinates
-    are rounded to the precision of the format.
+    with a known up axis is rotated so that +y is up. The rotation requires a format with an up axis, or
+    `is_upright`. If the format cannot share vertices between faces, every face gets three separate vertices.
+    Coordinates are rounded to the precision of the format.
     """
     mesh = replace(mesh, vertex_keys=None, corner_keys=None)  # files are written without these attributes
     form = FORMATS[suffix]

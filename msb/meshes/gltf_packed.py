@@ -74,7 +74,7 @@ def unpack(document: Document, meshes: list[int]) -> None:
 def unpack_here(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
     """Decode all jobs in `arrays`.
 
-    This function runs in the child process. It is a `Work` of `msb.base.children`.
+    This function runs in the child process. The function is a `Work` of `msb.base.children`.
     """
     decoded: dict[str, NDArray[Any]] = {}
     for number, job in enumerate(json.loads(arrays["plan"].tobytes())):

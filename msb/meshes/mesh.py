@@ -186,7 +186,8 @@ def _check(
     """Raise MESH_ARRAY unless `array` has a valid shape and type: (`rows`, one of `widths`) and one of
     `types`.
 
-    If `rows` is None, the array must exist and may have any number of rows. Otherwise the array may be None.
+    If `rows` is None, the array must exist and may have any number of rows. If `rows` is given, the array may
+    be None.
     """
     if array is None and rows is not None:
         return

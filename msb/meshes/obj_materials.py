@@ -94,8 +94,8 @@ def with_materials(mesh: Mesh, text: Source, cut: Triangulation) -> tuple[Mesh, 
     The argument `cut` is the triangulation of the polygons.
 
     A material becomes its image, or a single texel of its colour. Libraries and images that cannot be read
-    are skipped. A material without an image may lose its colour. This happens if vertices have colours, or if
-    there are more than `MAX_TEXTURES` colours.
+    are skipped. A material without an image may lose its colour. The colour is lost if vertices have colours,
+    or if there are more than `MAX_TEXTURES` colours.
     """
     # Collect the `usemtl` statements with their byte offsets, and the names of the libraries.
     known: dict[str, _Material] = {}

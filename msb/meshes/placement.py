@@ -92,8 +92,8 @@ def place(mesh: Mesh, *, is_upright: bool) -> Mesh:
         return mesh
     axis = mesh.up if up is None else nearest_axis(up)
     if rotates and up is not None:
-        # An axis only swaps and negates coordinates, which is exact. Other directions use the smallest
-        # rotation.
+        # An axis only swaps and negates coordinates, which is exact. Directions other than axes use the
+        # smallest rotation.
         columns = rotate_axis(np.eye(3), axis or "+y") if is_axis(up) else _rotate_to_y(np.array(up)).T
         rotation = np.ascontiguousarray(columns.T)
     else:

@@ -40,7 +40,7 @@ class _PrimArrays:
 def read_stage(word: str, _: Arrays) -> tuple[Any, Arrays]:
     """Read the file `word`.
 
-    This function runs in the child process. It is a `Work` of `msb.base.children`.
+    This function runs in the child process. The function is a `Work` of `msb.base.children`.
     """
     from pxr import Sdf, Tf, Usd, UsdGeom
 
@@ -396,7 +396,7 @@ def _join_parts(parts: list[_PrimArrays], textures: int) -> dict[str, NDArray[An
         rows = [_convert_domain("corner", part, part.normals, 3, 0.0) for part in parts]
         arrays["corner_normals"] = np.concatenate(rows)
     for name, width, blank in (("colors", 3, 1.0), ("uvs", 2, 0.0)):
-        # Keep a domain that all parts have in common. Otherwise convert the values to corners.
+        # Keep a domain that all parts have in common. Convert the values of different domains to corners.
         values = [getattr(part, name) for part in parts]
         domains = {value[0] for value in values if value is not None}
         if not domains:

@@ -1,4 +1,7 @@
-"""Repair assets and meshes. An asset keeps its manifest. Its buffers are adapted to the repaired mesh."""
+"""Repair assets and meshes.
+
+An asset keeps its manifest. The buffers of the asset are adapted to the repaired mesh.
+"""
 
 from __future__ import annotations
 
@@ -216,7 +219,7 @@ def _welds_soup(asset: Asset, plan: tuple[str, ...]) -> bool:
 def _convert_to_mesh(asset: Asset) -> tuple[Asset, Change | None]:
     """Return a triangle soup as an asset of method "mesh" with its standard-tier colours.
 
-    The second value is the change that removes faces below the STE opacity threshold. This value is None
+    The second value is the change that removes faces below the STE opacity threshold. The change is None
     without a threshold.
     """
     if why := refusal(asset.manifest, "standard"):

@@ -82,8 +82,8 @@ def _carry_corners(name: str, array: NDArray[Any], change: Change, faces: NDArra
     """Return a corner buffer of the changed mesh.
 
     The argument `faces` (F, 3) has the faces before the change. Values of an added face are interpolated on
-    the edge shared with the adjacent face. The third vertex of the added face cannot supply values. Its
-    values may belong to another UV chart.
+    the edge shared with the adjacent face. The third vertex of the added face cannot supply values. The
+    values of the third vertex may belong to another UV chart.
     """
     added = len(change.added_from)
     kept = array[change.corner_map[: 3 * (len(change.faces) - added)]]

@@ -61,7 +61,7 @@ def _color_faces(original: Asset, done: Repaired) -> Asset:
     is_removed[done.face_map[done.face_map != NONE]] = False
     colors = np.repeat(_compute_grey(original)[:, None], 3, axis=1)
     colors[is_removed] = RED
-    # Append the added faces. Their vertices follow the original vertices.
+    # Append the added faces. The vertices of added faces follow the original vertices.
     new = done.asset.buffers["indices"][done.face_map == NONE]
     colors = np.concatenate([colors, np.tile(GREEN, (len(new), 1))])
     return build_asset(

@@ -68,7 +68,9 @@ class Options:
     limits: Limits = field(default_factory=Limits)
 
     def covers(self, other: Options) -> bool:
-        """Return whether this plan has all steps of `other`, and welds and closes at least as much."""
+        """Return whether this plan has all steps of `other`, with a weld distance and a `close_share` that
+        are not smaller.
+        """
         ours, theirs = (0.0 if plan.weld == "exact" else float(plan.weld) for plan in (self, other))
         return (
             set(other.plan) <= set(self.plan)

@@ -82,7 +82,10 @@ def has_no_area(
 
 
 def names_vertex_twice(faces: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which rows of `faces` (F, 3) have a repeated index. Such rows have no edges and no area."""
+    """Return which rows of `faces` (F, 3) have a repeated index.
+
+    Rows with a repeated index have no edges and no area.
+    """
     a, b, c = faces.T
     return np.asarray((a == b) | (b == c) | (a == c))
 

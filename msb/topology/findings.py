@@ -118,7 +118,7 @@ def find_by_numpy(analysis: Analysis) -> Findings:
 def first_of(numbers: Any, vertices: Any = None) -> tuple[tuple[int, tuple[int, ...]], ...]:
     """Return the first few of the ascending element `numbers`, each with its vertices.
 
-    The vertices of an element are its row of `vertices`. If `vertices` is None, the element is a vertex
+    An element has the vertices in its row of `vertices`. If `vertices` is None, the element is a vertex
     itself.
     """
     return tuple(

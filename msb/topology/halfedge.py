@@ -57,7 +57,7 @@ class HalfEdgeMesh:
 
     @cached_property
     def repeated_index(self) -> NDArray[np.bool_]:
-        """(F,) whether a face has a repeated index. Such a face has no edges and no fans."""
+        """(F,) whether a face has a repeated index. A face with a repeated index has no edges and no fans."""
         return names_vertex_twice(self.faces)
 
     @cached_property

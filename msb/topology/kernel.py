@@ -4,9 +4,9 @@
 
 1. Corners are sorted into blocks of vertices. A block fits into the cache of a processor core. Each corner
    has the other two vertices of its face.
-2. Each vertex of a block is visited with all its faces. Neighbours that the faces share determine edges,
-   fans, duplicates and the boundary. All pairs of faces at a vertex are compared (audit_small.cl). If there
-   are many faces, the faces are sorted instead (audit_large.cl).
+2. Each vertex of a block is visited with all its faces. Two faces at a vertex may share a neighbour vertex.
+   The shared neighbours determine edges, fans, duplicates and the boundary. All pairs of faces at a vertex
+   are compared (audit_small.cl). If there are many faces, the faces are sorted instead (audit_large.cl).
 3. The visits give lists of pairs of connected faces. Uniting the pairs gives the components. The lowest face
    of a component is its root (audit_pairs.cl).
 

@@ -32,9 +32,9 @@ SeamKind = Literal["texture", "color", "normal", "format"]
 # A triangle soup is a surface without shared vertices if more than this share of its edges coincide with
 # another edge. The corners of trained triangle soups coincide by chance only.
 _COINCIDING = 0.5
-# Two faces that fold onto each other at an edge are two sides of a sheet. Such an edge is not a seam. Two
-# faces fold onto each other if the cosine of the angle between their normals is below this limit. The limit
-# allows 0.08 degrees between one normal and the reversed other normal.
+# Two faces that fold onto each other at an edge are two sides of a sheet. An edge between two sides of a
+# sheet is not a seam. Two faces fold onto each other if the cosine of the angle between their normals is
+# below this limit. The limit allows 0.08 degrees between one normal and the reversed other normal.
 _FOLDED = -0.999999
 
 # Vertices may differ by rounding up to this share of the largest coordinate, which is four units in the last

@@ -19,7 +19,10 @@ VERTEX_KINDS = (
 
 
 def tally_dtype(valences: int) -> np.dtype[Any]:
-    """Return the struct `Tally` of audit_types.cl as a dtype. Its valence table has `valences` entries."""
+    """Return the struct `Tally` of audit_types.cl as a dtype.
+
+    The valence table of the struct has `valences` entries.
+    """
     edge = [(name, "u8") for name in ("block", "rank", "low", "high")]
     counts = ("max_edge_faces", "rim_links", "shared_vertices", "duplicate_faces")
     return np.dtype(

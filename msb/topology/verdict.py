@@ -314,8 +314,8 @@ class _Fault:
     """A kind of fault in a mesh.
 
     The field `describe` is a function. The function returns a clause with the extent of the fault, or "" for
-    a mesh without this fault. The field `tasks` is a function. It returns a clause with the tasks that the
-    mesh is usable for if this fault is the gravest.
+    a mesh without this fault. The field `tasks` is a function. The function returns a clause with the tasks
+    that the mesh is usable for if this fault is the gravest.
     """
 
     level: Level

@@ -83,9 +83,9 @@ class Renderings:
     def empty_share(self, points: NDArray[np.float64], tolerance: float) -> float | None:
         """Return the fraction of `points` (n, 3) that lie in empty space for at least one camera.
 
-        A camera sees empty space at a point if the point's pixel shows the background. The same holds if the
-        point is more than `tolerance` in front of the visible surface. Points outside all images are ignored.
-        The fraction is None if no point is in an image.
+        A camera sees empty space at a point if the point's pixel shows the background. A camera also sees
+        empty space if the point is more than `tolerance` in front of the visible surface. Points outside all
+        images are ignored. The fraction is None if no point is in an image.
         """
         depths = [depth for _, depth in self._originals]
         if not depths:

@@ -326,10 +326,10 @@ class _TaskRun:
     def add_file_verdict(
         self, judgement: Judgement, summary: str, outputs: dict[str, Output], files: Sequence[str]
     ) -> tuple[Judgement, str]:
-        """Return the judgement and the summary. Both contain the verdict on the mesh of the best result.
+        """Return the judgement and the summary.
 
-        If the result is BAD or worse than the original, the best possible outcome is "works with
-        limitations".
+        The judgement and the summary contain the verdict on the mesh of the best result. If the result is BAD
+        or worse than the original, the best possible outcome is "works with limitations".
         """
         best = judgement.numbers.get("best", next(iter(outputs), ""))
         for key, mesh in outputs[best].meshes.items() if best else ():

@@ -98,8 +98,8 @@ class Task:
         most one mesh.
     judge : callable
         A function of the mesh, the outputs by library, and the renderings. The function is called only if
-        there is an output. Otherwise the task fails. If there are several outputs, the number "best" names
-        the best library.
+        there is an output. If all attempts fail, the task fails. If there are several outputs, the number
+        "best" names the best library.
     summarize : callable
         A function that turns the numbers into a short text for a table.
     powers : mapping of str to int

@@ -99,7 +99,7 @@ def audit(
 class _Task:
     """A single run of the command `msb audit`.
 
-    All options are parsed first. Then the meshes are read and audited in turn.
+    All options are parsed first. After the options, the meshes are read and audited in turn.
     """
 
     def __init__(self, options: AuditOptions, conditions: GateOptions, output: Output) -> None:

@@ -266,7 +266,7 @@ def _is_oriented(counts: Counts) -> bool:
 def expect_networkx(facts: Facts) -> list[Expected]:
     """Return the expected answers of NetworkX.
 
-    They equal our numbers, because the graphs follow our definitions.
+    The answers equal our numbers, because the graphs follow our definitions.
     """
     names = {
         "edges": "vertex graph",

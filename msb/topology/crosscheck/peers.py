@@ -1,9 +1,9 @@
 """Measure a mesh with each peer library. Only this module and `repairs.py` import the peers.
 
-Every function takes a mesh with at least one face and valid indices. It returns the peer's answers under the
-names that `expected.py` uses. `ask_peers` runs the functions in separate processes, because peers print, hang
-or crash on some faulty meshes. Tested with libigl 2.6.3, PyMeshLab 2025.7.post1, manifold3d 3.5.4, trimesh
-5.2.0, NetworkX 3.6.1 and usd-validation-nvidia 1.22.0 with usd-core 26.8.
+Every function takes a mesh with at least one face and valid indices. The function returns the peer's answers
+under the names that `expected.py` uses. `ask_peers` runs the functions in separate processes, because peers
+print, hang or crash on some faulty meshes. Tested with libigl 2.6.3, PyMeshLab 2025.7.post1, manifold3d
+3.5.4, trimesh 5.2.0, NetworkX 3.6.1 and usd-validation-nvidia 1.22.0 with usd-core 26.8.
 """
 
 import math
@@ -217,7 +217,7 @@ def ask_nvidia(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answe
 
 
 def _finite_or_none(value: Any) -> float | None:
-    """Return a finite float. Other values become None, because JSON has no NaN."""
+    """Return a finite float. Other values than finite floats become None, because JSON has no NaN."""
     number = float(value)
     return number if math.isfinite(number) else None
 

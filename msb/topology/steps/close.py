@@ -83,7 +83,7 @@ Cap = tuple["NDArray[Any]", "NDArray[Any]"]
 class _RimEdges:
     """The boundary half-edges, and the loops that they form.
 
-    The first five arrays have an entry per boundary edge, the last two an entry per loop.
+    The first five arrays have an entry for each boundary edge. The other arrays have an entry for each loop.
 
     Attributes
     ----------
@@ -148,7 +148,7 @@ def _cap_triangles(rim: _RimEdges, first: NDArray[Any]) -> Cap:
 def _cap_quadrangles(
     analysis: Analysis, rim: _RimEdges, first: NDArray[Any]
 ) -> tuple[list[Cap], NDArray[Any]]:
-    """Return caps of two faces each, and the loops of which both diagonals are already edges."""
+    """Return caps of two faces each. Also return the loops of which both diagonals are already edges."""
     count = len(analysis.vertices)
     # `corner` (n, 4) has the vertices of each loop in order. `beside` (n, 4) has the face at each boundary
     # edge.

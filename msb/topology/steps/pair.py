@@ -41,7 +41,7 @@ def pair(
     2. Joining must not make a consistent winding impossible. Therefore the step keeps a minimum spanning
        forest of the pairs between parts of the surface. Other pairs are kept if they agree with the winding
        of this forest.
-    3. Fans may connect two pairs at both ends of an edge. Such pairs are separated, because otherwise four
+    3. Fans may connect two pairs at both ends of an edge. The two pairs are separated, because otherwise four
        faces would still share the edge. Separating a pair never joins fans, so one pass is enough.
 
     The step takes O(F log F) time. A manifold mesh does not change.
