@@ -57,8 +57,8 @@ _SKY_RADIUS = 1.9
 
 # Shapes.
 #
-# Two values for a sheet: the share of its faces on the visible side, and its thickness in near radii. The
-# remaining faces form the back and the rims of the sheet.
+# The first value is the share of a sheet's faces on the visible side. The second value is the thickness of
+# the sheet in near radii. The remaining faces form the back and the rims of the sheet.
 _FRONT_SHARE, _SHEET_THICKNESS = 0.45, 0.02
 # A surface is first simplified to this multiple of its face budget, then to the budget. Simplification in a
 # single step would give a far worse shape.
@@ -307,7 +307,7 @@ def _reduce(solid: PointsAndFaces, count: int) -> PointsAndFaces:
 def _reduce_scene(surface: PointsAndFaces, count: int, space: Space) -> PointsAndFaces:
     """Reduce a surface to about `count` faces, most of them near the cameras.
 
-    Beyond the near radius, distances from the middle are replaced by their square roots for the reduction.
+    For the reduction, distances from the middle are replaced by their square roots beyond the near radius.
     """
     offset = (surface[0] - space.center) / space.radius
     inside, faces = _reduce((offset / np.sqrt(_measure_far_factor(offset)), surface[1]), count)

@@ -39,8 +39,8 @@ def add_outer_skin(mesh: Mesh, thickness: float) -> Mesh:
     """Append an outer skin to the vertices and faces of `mesh`, and return the result.
 
     In each direction from the middle, the surface has a farthest point. The skin lies behind this farthest
-    point. The distance between both is `thickness` times the distance of the point from the middle. The skin
-    is grey, or has the colour of one texel.
+    point. The skin is behind this point by `thickness` times the distance of the point from the middle. The
+    skin is grey, or has the colour of one texel.
     """
     points = mesh.vertices.astype(np.float64)
     middle = np.median(points[np.unique(mesh.faces)], axis=0)

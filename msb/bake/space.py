@@ -24,8 +24,8 @@ _TRIM_PERCENT = 0.1
 # The focus is the point where the camera axes meet. A linear system of equations determines this point.
 # Camera axes count as parallel if the smallest eigenvalue of the system per camera is below this limit.
 _MIN_CONDITIONING = 1e-3
-# Smallest distance of the focus in front of the cameras, relative to the distance of the visible points. The
-# axes of cameras at one place meet at the cameras, up to rounding.
+# The focus must be at least this far in front of the cameras. The value is relative to the distance of the
+# visible points. The axes of cameras at one place meet at the cameras, up to rounding.
 _MIN_AHEAD = 1e-4
 # If the visible centre is nearer to the cameras than this, the cameras are inside the model. The value is a
 # share of the distance of the visible points.

@@ -70,7 +70,7 @@ def make_best_attempt(
         "native": native,
         "photographs": _make_attempt(inputs, options, "photographs", stack, stopped),
     }
-    # Compare the two attempts with the photographs of the validation views.
+    # Compare the renderings of both attempts with the photographs of the validation views.
     cameras = [camera for camera in native.views.validation if _has_photograph(camera)]
     psnr = {}
     with native.source.photographs(cameras) as targets:

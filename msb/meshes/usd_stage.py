@@ -280,8 +280,8 @@ class _Reader:
         """
         from pxr import UsdGeom, UsdShade
 
-        # Compute `owner` (P,), the material of each polygon. The subset of a polygon determines the material,
-        # else the prim.
+        # Compute `owner` (P,), the material of each polygon. The material of a polygon comes from its subset,
+        # or else from the prim.
         numbers = {self._materials.find(mesh.GetPrim()): 0}
         owner = np.zeros(count, np.int64)
         kind = UsdShade.Tokens.materialBind

@@ -107,8 +107,8 @@ def build_lattice_permutation(sides: int) -> NDArray[np.intp]:
     """Return the permutation of lattice samples for swapping the second and third corner of a face.
 
     Sample ``s (s + 1) / 2 + y`` has the barycentric coordinates b0 = (s - y) / n, b1 = y / n and b2 = (n - s)
-    / n, where n is `sides`. After the swap, each sample has the value of the old sample at (b0, b2, b1). In
-    the order of the samples, this old sample has y' = n - s and s' = n - y.
+    / n, where n is `sides`. After the swap, each sample has the value of the old sample at (b0, b2, b1). The
+    old sample has y' = n - s and s' = n - y in the order of the samples.
     """
     s, y = np.tril_indices(sides + 1)
     s, y = sides - y, sides - s

@@ -11,7 +11,8 @@ from msb.topology.faces import sum_areas
 
 # Number of listed faulty elements of each kind.
 SAMPLES = 3
-# For each key of the counts, (element number, vertices) of the first few faulty elements in ascending order.
+# For each key of the counts, the first few faulty elements in ascending order. An element is the pair
+# (element number, vertices).
 First = dict[str, tuple[tuple[int, tuple[int, ...]], ...]]
 
 

@@ -63,8 +63,8 @@ class Renderings:
         depths = [depth for _, depth in self._originals]
         if not depths:
             return None
-        # Select every `step`-th covered pixel, counted over all images. Skip this number of covered pixels
-        # before the first sample of an image.
+        # Select every `step`-th covered pixel, counted over all images. The variable `skip` is the number of
+        # covered pixels before the first sample of an image.
         step = max(1, sum(int(np.count_nonzero(depth)) for depth in depths) // count)
         parts: list[NDArray[np.float64]] = []
         skip = 0

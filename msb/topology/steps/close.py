@@ -120,8 +120,8 @@ def _find_rims(analysis: Analysis) -> _RimEdges:
     follows = begins_at[enters]
     loop, start = boundary.chain, mesh.origin[halfedge]
     whole = boundary.closed.copy()
-    # If the winding flips along a boundary, two half-edges leave one fan, and no half-edge leaves another
-    # fan.
+    # If the winding flips along a boundary, two boundary half-edges leave one fan. Another fan then has no
+    # such half-edge.
     whole[loop[(np.bincount(leaves, minlength=len(begins_at))[leaves] > 1) | (follows == NONE)]] = False
     # A loop that passes through a vertex twice cannot be closed.
     order = np.lexsort((start, loop))

@@ -22,8 +22,9 @@ def drop(points: NDArray[Any], faces: NDArray[Any], *, weights: NDArray[Any] | N
     number of edges with more than two faces. If the numbers are equal, the face with the smallest weight (F,)
     is removed. The default weight of a face is its area. Finding the smallest set of faces is NP-hard,
     because the problem contains hypergraph matching, so the choice is greedy. Afterwards, removed faces are
-    restored as long as no edge gets a third face. Each round removes many faces that share no edge with too
-    many faces. The step takes few rounds, and each round takes O(F log F) time. Copies of vertices come last.
+    restored as long as no edge gets a third face. Each round removes many faces that do not share edges of
+    three or more faces. The step takes few rounds, and each round takes O(F log F) time. Copies of vertices
+    come last.
     """
     mesh = build_half_edges(faces, len(points))
     weight = face_areas(points, faces)[0] if weights is None else np.asarray(weights, np.float64)

@@ -1,6 +1,6 @@
 """Cut one-sided surfaces, such as Moebius strips, along short loops of edges until they have two sides.
 
-Walking along edges carries a sense of rotation from vertex to vertex. A loop is one-sided if the sense of
+A walk along edges carries a sense of rotation from vertex to vertex. A loop is one-sided if the sense of
 rotation is reversed at its end. A cut along the loop removes the loop. In the search, the whole rim of a hole
 counts as one vertex. Therefore a cut from one rim to another rim is also a loop. A strip is cut across its
 width.
@@ -55,9 +55,10 @@ def cut_one_sided(
 def _find_loops_to_cut(
     mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any], sides: Sides
 ) -> list[NDArray[Any]]:
-    """Return the shortest necessary loops of each one-sided component as numbers of two-face edges.
+    """Return the shortest necessary loops of each one-sided component.
 
-    The arguments `first` and `second` are the half-edges (E2,) of the two-face edges.
+    A loop consists of numbers of two-face edges. The arguments `first` and `second` are the half-edges (E2,)
+    of the two-face edges.
     """
     differ = mesh.origin[first] == mesh.origin[second]
     face, beyond = face_of(first), face_of(second)
