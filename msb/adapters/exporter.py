@@ -73,10 +73,13 @@ def export(
         The output folder of a training, or the file of the model; docs/export.md lists the files.
     method : str, optional
         The name of a method, as listed by `msb methods`. By default, the method is detected from the
-        content. settings : mapping, optional Values of settings by name. These settings override the config
-        and the checkpoint. config : path-like, optional YAML config or text log of a 2DTS training, if it
-        is not in the output folder. progress : callable, optional Called as ``progress(stage, done,
-        total)`` with bytes.
+        content.
+    settings : mapping, optional
+        Values of settings by name. These settings override the config and the checkpoint.
+    config : path-like, optional
+        YAML config or text log of a 2DTS training, if it is not in the output folder.
+    progress : callable, optional
+        Called as ``progress(stage, done, total)`` with bytes.
 
     Returns
     -------

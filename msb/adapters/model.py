@@ -80,8 +80,9 @@ class Settings:
     Parameters
     ----------
     method : str
-        The name of the method in `METHODS`. flags : mapping The settings of the user. An invalid name or
-        value is a `UsageError`.
+        The name of the method in `METHODS`.
+    flags : mapping
+        The settings of the user. An invalid name or value is a `UsageError`.
     """
 
     def __init__(self, method: str, flags: Mapping[str, Any]) -> None:

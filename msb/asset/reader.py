@@ -31,7 +31,8 @@ def load(path: str | os.PathLike[str]) -> Asset:
     InputError
         The file does not exist or cannot be read; `FILE_NOT_RECOGNISED` if the file is not an asset.
         `msb.open` opens other kinds of files.
-    AssetError The first finding with the severity "error".
+    AssetError
+        The first finding with the severity "error".
 
     Examples
     --------

@@ -57,7 +57,8 @@ def reject_gaussians(primitive: Primitive, file: object) -> None:
     """
     if primitive == "gaussian":
         source = "MODEL" if file is None else shell_word(str(file))
-        text = f"Gaussian splats, not a mesh; make a mesh with msb bake {source} -o mesh.glb"
+        text = "Gaussian splats, not a mesh; make one with msb bake"
+        text += f" {source} -o mesh.glb (a mesh of the splats)"
         raise Unsupported("UNSUPPORTED_METHOD", text, file=file)
 
 

@@ -35,8 +35,9 @@ def new_file(
     ----------
     path : path-like
     size : int, optional
-        Number of bytes that will be written. The error about a full disk reports this number. overwrite :
-        bool If false, an existing file is an error, even if it appears while the block runs.
+        Number of bytes that will be written. The error about a full disk reports this number.
+    overwrite : bool
+        If false, an existing file is an error, even if it appears while the block runs.
     """
     target = _target(path)
     if is_stream(target):

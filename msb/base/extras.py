@@ -26,8 +26,9 @@ def need_extra(extra: str, *modules: str, what: str, instead: str = "") -> None:
     *modules : str
         Top-level modules.
     what : str
-        The feature that needs the modules, as the subject of the message, such as "an MP4 film". instead :
-        str A sentence in lower case about an alternative that works without the modules.
+        The feature that needs the modules, as the subject of the message, such as "an MP4 film".
+    instead : str
+        A sentence in lower case about an alternative that works without the modules.
 
     Raises
     ------

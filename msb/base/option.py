@@ -21,7 +21,9 @@ class Option:
         The effect of the option, in one or two sentences.
     flags : tuple of str
         Names of the option on the command line. By default, the name of the field, such as
-        ``--image-folder``. metavar : str, optional The word for the option's value in the help.
+        ``--image-folder``.
+    metavar : str, optional
+        The word for the option's value in the help.
     least, most : float, optional
         The range of a number.
     count : bool
@@ -29,8 +31,9 @@ class Option:
     output : "file", "own" or "folder", optional
         The rule for checking an output path. "file" means that `msb.cli` checks that the file is new, or
         that ``--force`` is given. "own" means that the command checks the path. "folder" means that the
-        command checks the files in the folder, which can also be an input. endings : tuple of str Allowed
-        endings of the name of an output file.
+        command checks the files in the folder, which can also be an input.
+    endings : tuple of str
+        Allowed endings of the name of an output file.
     """
 
     help: str

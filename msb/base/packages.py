@@ -33,11 +33,14 @@ def find_installed(
     ----------
     kind : str
         The entry-point group in the singular: "method" means the group `msb.methods`, and "mesh" means
-        `msb.meshes`. ours : mapping Modules of the built-in parts by name; a plug-in cannot replace them.
+        `msb.meshes`.
+    ours : mapping
+        Modules of the built-in parts by name; a plug-in cannot replace them.
     accept : callable
         Takes the name and the value of an entry point and returns the plug-in. The callable may raise
-        `PackageError`. pattern : str, optional Regular expression that names must match; None allows all
-        names.
+        `PackageError`.
+    pattern : str, optional
+        Regular expression that names must match; None allows all names.
 
     Returns
     -------

@@ -6,8 +6,9 @@ A function that is decorated with `command` has parameters of these kinds:
   the dataclass. If the annotation of the parameter has a tuple of names, such as ``Annotated[Views,
   ("cameras", "size")]``, only these fields become options; the other fields keep their defaults. `Output`
   is also a dataclass of options. If the function takes an `Output`, all paths are checked before the
-  function runs. - Other parameters with an annotation `Argument` or `Option`. - `Typed`, the parameters
-  that the user gave on the command line.
+  function runs.
+- Other parameters with an annotation `Argument` or `Option`.
+- `Typed`, the parameters that the user gave on the command line.
 
 A parameter of type Path is an input, unless the `output` of its `Option` is set.
 """
@@ -190,8 +191,9 @@ def command(
     Parameters
     ----------
     *examples : str
-        Command lines that run on the demo data. The examples end the help. name : str The name of the
-        command; by default the name of the function.
+        Command lines that run on the demo data. The examples end the help.
+    name : str
+        The name of the command; by default the name of the function.
     instead : mapping, optional
         For each option that users try although the command lacks it, the text to write instead, for the
         error. The text "{value}" is replaced by ":" and the given value, if a value was given.

@@ -140,8 +140,9 @@ class Output:
         Parameters
         ----------
         headers : sequence of str
-            Titles of the columns. Without titles, the title line is omitted. rows : iterable The cells of
-            each row.
+            Titles of the columns. Without titles, the title line is omitted.
+        rows : iterable
+            The cells of each row.
         right : iterable of int
             Columns that are aligned to the right.
         gap : int

@@ -75,9 +75,10 @@ class Backend(Protocol):
     - The class attribute `tiers`: the tiers that the class draws. The default is all tiers.
     - The class method `of_tier(tier)`: returns the class that draws a tier, if tiers have different classes.
     - The class method `missing()`: returns which software must be installed first, or None. The method
-      `missing` must be quick. - The class method `installed()`: returns the version string without starting
-      the engine. A renderer needs this method if its `version` is known only after the first frame, because
-      `msb run` renders images again when the version changes.
+      `missing` must be quick.
+    - The class method `installed()`: returns the version string without starting the engine. A renderer needs
+      this method if its `version` is known only after the first frame, because `msb run` renders images again
+      when the version changes.
     - The method `memory_groups()`: returns a mapping from each purpose in `memory()` to its `Group`. In
       `memory_groups`, purposes without an entry count as scratch memory.
     """

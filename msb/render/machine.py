@@ -22,8 +22,9 @@ def machine(
     ----------
     device : str, optional
         Selector of the OpenCL device. The device record includes the build options of programs, and the
-        SHA-256 of the kernel sources. opencl : bool False if the work used only the host processor; the
-        record then has no device.
+        SHA-256 of the kernel sources.
+    opencl : bool
+        False if the work used only the host processor; the record then has no device.
     engine : mapping, optional
         `Renderer.device_info` of another engine, recorded in place of an OpenCL device.
     """

@@ -48,7 +48,9 @@ class Renderer:
     ------
     Unsupported
         The method does not support this tier, or the renderer lacks the option.
-    UsageError A tier, renderer or setting is unknown, or an argument has the wrong type. AssetError
+    UsageError
+        A tier, renderer or setting is unknown, or an argument has the wrong type.
+    AssetError
         The asset's values cannot be drawn: an index is out of range, or a coordinate is not finite.
     InputError, CheckpointError, MeshFileError, MeshError
         `msb.open` cannot read the path `asset`.

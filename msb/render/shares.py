@@ -45,7 +45,9 @@ def shares_by_view(
         the picture's red, green and blue with the same weights. The result is None if the renderer of
         another package does not report face ids.
 
-    Raises ------ The errors of `msb.Renderer`.
+    Raises
+    ------
+    The errors of `msb.Renderer`.
     """
     if tier == "dedicated" and pipeline_of(asset) is SplattingPipeline:
         with closing(SplattingPipeline(asset, device=device, settings=settings, outputs=())) as pipeline:

@@ -102,7 +102,9 @@ def build_board(
 
     Raises
     ------
-    UsageError A submission is passed twice. InputError
+    UsageError
+        A submission is passed twice.
+    InputError
         RECORD_INVALID: a submitted image is invalid.
     """
     for submission, other in pairwise(sorted(submissions, key=lambda submission: submission.sha256)):

@@ -14,8 +14,11 @@ _ROW = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("r
 def read(data: memoryview) -> Gaussians:
     """Return the Gaussians of a `.splat` file.
 
-    Raises ------ CheckpointError CHECKPOINT_DAMAGED: the file size is not a multiple of the row size.
-    CHECKPOINT_LAYOUT: the file is empty.
+    Raises
+    ------
+    CheckpointError
+        CHECKPOINT_DAMAGED: the file size is not a multiple of the row size. CHECKPOINT_LAYOUT: the file is
+        empty.
     """
     if len(data) % _ROW.itemsize:
         raise damaged(f"it has {len(data)} bytes; a .splat file has {_ROW.itemsize} for each Gaussian")

@@ -65,10 +65,12 @@ class _Header:
 def read(data: memoryview) -> Gaussians:
     """Return the Gaussians of an `.spz` file.
 
-    Raises ------ CheckpointError CHECKPOINT_DAMAGED: the file is truncated, changed, or needs too much
-    memory for its size.
-        CHECKPOINT_FORM: the version or the SH degree of the file is unknown. CHECKPOINT_LAYOUT: the file
-        has no Gaussians.
+    Raises
+    ------
+    CheckpointError
+        CHECKPOINT_DAMAGED: the file is truncated, changed, or needs too much memory for its size.
+        CHECKPOINT_FORM: the version or the SH degree of the file is unknown. CHECKPOINT_LAYOUT: the file has
+        no Gaussians.
     UsageError
         EXTRA_MISSING: version 4 needs the extra `compressed`.
     """

@@ -139,7 +139,9 @@ class Pipeline(OnDevice):
         ----------
         camera : Camera
             OpenCV axes in both layouts. In the layout "colmap", cy is used with the official sign
-            (docs/diffsoup.md). background : (float, float, float) RGB in the asset's colour space.
+            (docs/diffsoup.md).
+        background : (float, float, float)
+            RGB in the asset's colour space.
 
         Returns
         -------

@@ -113,7 +113,9 @@ def diffsoup_matrices(
         "colmap": the matrix V negates the camera's z, NDC y grows downwards, and cy has the official sign,
         which is the opposite of the correct one. "synthetic": the matrix V negates y and z, and NDC y grows
         upwards. The official code assumes a principal point in the middle; this function uses the camera's
-        principal point. near, far : float Camera depths in scene units that become NDC -1 and 1.
+        principal point.
+    near, far : float
+        Camera depths in scene units that become NDC -1 and 1.
 
     Returns
     -------

@@ -115,8 +115,9 @@ def diffsoup_projection(
     layout : {"colmap", "synthetic"}
         "colmap": NDC y grows downwards, and the vertical principal point has the official sign, which is the
         opposite of the correct one. "synthetic": NDC y grows upwards. The official code assumes a principal
-        point in the middle; this function uses the camera's principal point. near, far : float Camera
-        depths in scene units that become NDC -1 and 1.
+        point in the middle; this function uses the camera's principal point.
+    near, far : float
+        Camera depths in scene units that become NDC -1 and 1.
 
     Notes
     -----
@@ -266,8 +267,8 @@ def fragments(corners: Reals, u: Reals, v: Reals) -> tuple[Reals, Reals, Reals, 
     Returns
     -------
     b0, b1 : barycentric coordinates of corners 0 and 1, linear in world space
-    ndc_depth, w : z / w, and clip w, which is the camera's z valid : whether the point is inside the
-    triangle (edges included), and NDC depth within -1 to 1
+    ndc_depth, w : z / w, and clip w, which is the camera's z
+    valid : whether the point is inside the triangle or on an edge, and the NDC depth is within -1 to 1
     """
     (x0, y0, z0, w0), (x1, y1, z1, w1), (x2, y2, z2, w2) = corners
     # Homogeneous edge functions: subtract the pixel from the corners, then compute signed areas.

@@ -44,7 +44,10 @@ class Texels:
 def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) -> Texels:
     """Upload the textures to `device`; the texture numbers of the `slots` are filled in later.
 
-    Raises ------ DeviceError DEVICE_MEMORY: the textures do not fit.
+    Raises
+    ------
+    DeviceError
+        DEVICE_MEMORY: the textures do not fit.
     """
     sampler = textured.sampler
     sizes = [level_sizes(*image.shape[:2])[: None if sampler.mipmaps else 1] for image in textured.images]

@@ -227,6 +227,7 @@ def _describe(scene: Scene) -> list[tuple[str, str]]:
     if recorded.distortion is not None:
         lens += ", undistorted"
     angles = f"{math.degrees(first.fov_x):.1f} x {math.degrees(first.fov_y):.1f} degrees"
+    upward = ", ".join(f"{round(value, 3) + 0.0:.3f}" for value in scene.up)
     return [
         ("rules", scene.rules),
         ("views", f"{len(scene.train)} training, {len(scene.test)} test; {split}"),
@@ -234,7 +235,7 @@ def _describe(scene: Scene) -> list[tuple[str, str]]:
         ("masks", masks),
         ("background", f"{color_name(scene.background)}, {behind}"),
         ("cameras", f"{lens}, {angles}, {scene.camera_convention}"),
-        ("up", f"{', '.join(f'{value:.3f}' for value in scene.up)} in the world of the cameras"),
+        ("up", f"{upward} in the world of the cameras"),
     ]
 
 

@@ -99,12 +99,17 @@ def compare(
         if they are found next to the model, otherwise a turntable.
     html, screenshot : path-like, optional
         Write a page of all views, and an image (.png) of the first view. Without `html`, a `screenshot`
-        renders only the first view. overwrite : bool Replace existing files. views : sequence of str Names
-        or numbers of the cameras of `scene`; for a folder also "train" or "all". Default: the test views of
-        a folder, all cameras of a file.
+        renders only the first view.
+    overwrite : bool
+        Replace existing files.
+    views : sequence of str
+        Names or numbers of the cameras of `scene`; for a folder also "train" or "all". Default: the test
+        views of a folder, all cameras of a file.
     tiers : sequence of str
         One or more of "reference", "dedicated", "standard", "baked" and "truth" (photographs). Default: all
-        tiers. baked : Asset or path-like, optional Also compare this mesh, made by `msb.bake` from the model.
+        tiers.
+    baked : Asset or path-like, optional
+        Also compare this mesh, made by `msb.bake` from the model.
     image_folder : path-like, optional
         The folder of the photographs: its name in the scene. For a file of cameras, any path is accepted.
     scale : float, optional
@@ -128,8 +133,8 @@ def compare(
     ------
     UsageError
         An option is invalid, or a file exists and `overwrite` is false.
-    InputError, SceneError and the errors of `msb.open` and `msb.Renderer`
-        An input cannot be read or rendered.
+    InputError, SceneError
+        and the errors of `msb.open` and `msb.Renderer` An input cannot be read or rendered.
 
     Examples
     --------
