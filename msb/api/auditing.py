@@ -44,19 +44,19 @@ def audit(vertices: ArrayLike, faces: ArrayLike, *, weld: Weld | None = None) ->
 def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = None) -> Audit:
     """Audit the structure of a triangle mesh exactly as it is stored.
 
-    Nothing is merged, removed, reoriented or repaired before counting (paper: "Mesh structural integrity"
-    and appendix "Topology-Metric Definitions and Interpretation Limits"). Only the verdict ignores seams:
+    Nothing is merged, removed, reoriented or repaired before counting (paper: "Mesh structural integrity" and
+    appendix "Topology-Metric Definitions and Interpretation Limits"). The verdict ignores seams, which are
     vertices that are duplicated because their UVs or colours differ. Objects of other libraries have no
     seams, because their UVs and colours are not read.
 
     Parameters
     ----------
     vertices : (V, 3) real numbers, Asset, path-like, pair or mesh
-        Coordinates in any unit of length; NaN is allowed, and counted. For all other inputs omit `faces`:
-        an asset; a path that `msb.open` accepts; a pair ``(vertices, faces)``; a `msb.meshes.Mesh` or any
-        object with `vertices` and `faces`, such as a trimesh; a pyvista PolyData, whose own `triangulate`
-        splits polygons. A mesh file is audited in the precision of the file, like by `msb audit PATH`,
-        although `msb.open` rounds to float32.
+        Coordinates in any unit of length; NaN values are allowed and counted. Omit `faces` for all other
+        inputs. The other inputs are an asset, a path that `msb.open` accepts, a pair ``(vertices, faces)``, a
+        `msb.meshes.Mesh`, any object with `vertices` and `faces` such as a trimesh, and a pyvista PolyData.
+        The method `triangulate` of a PolyData splits its polygons. The audit of a mesh file uses the
+        precision of the file, as `msb audit PATH` does. In contrast, `msb.open` rounds to float32.
     faces : (F, 3) integers
         0-based vertex indices.
     weld : "exact" or float, optional
@@ -79,8 +79,8 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
 
     Examples
     --------
-    A book of three pages has one non-manifold edge, its spine, and two non-manifold vertices, the ends of the
-    spine:
+    A book of three pages has one non-manifold edge, which is its spine. The two ends of the spine are
+    non-manifold vertices.
 
     >>> import msb
     >>> points = [[0, 0, 0], [0, 0, 1], [1, 0, 0], [-1, 1, 0], [-1, -1, 0]]
@@ -100,7 +100,7 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
 
 
 def audit_stored(mesh: StoredMesh, *, weld: Weld | None = None) -> tuple[Audit, Analysis]:
-    """Return the audit of a stored mesh with its path and method, and the analysis for viewers."""
+    """Return the audit of a stored mesh with its path and method. Also return the analysis for viewers."""
     with about(mesh.path):
         report, analysis = audit_arrays(mesh.vertices, mesh.faces, weld=weld, attributes=mesh.attributes)
     path = None if mesh.path is None else str(mesh.path)
@@ -108,11 +108,11 @@ def audit_stored(mesh: StoredMesh, *, weld: Weld | None = None) -> tuple[Audit, 
 
 
 def next_command(audit: Audit, source: str, output: str | None = None, plan: str | None = None) -> str | None:
-    """Return the command that improves a mesh, or None if the mesh is OK or no command is known to help.
+    """Return the command that improves a mesh. Return None if the mesh is OK or no command can improve it.
 
-    `source` is the path of the mesh, and `output` is the path of the file to write. Both paths are quoted
-    for a shell. The default `output` is a file in the current folder. `plan` replaces the repair plan of
-    the verdict.
+    The argument `source` is the path of the mesh. The argument `output` is the path of the file to write.
+    Both paths are quoted for a shell. The default `output` is a file in the current folder. The argument
+    `plan` replaces the repair plan of the verdict.
     """
     plan = judge(audit).plan if plan is None else plan
     if not plan:
@@ -126,7 +126,7 @@ def next_command(audit: Audit, source: str, output: str | None = None, plan: str
 
 
 def native_advice(audit: Audit, source: str) -> str | None:
-    """Return commands for a trained soup whose corners do not coincide, or None for other meshes."""
+    """Return commands for a trained soup whose corners do not coincide. Return None for other meshes."""
     from msb.registry import lookup
 
     if audit.judged.corners_coincide is not False or not audit.method:

@@ -41,6 +41,6 @@ def write_demo(folder: str | os.PathLike[str], *, overwrite: bool = True) -> int
             if path.is_dir():
                 place.mkdir()
             else:
-                # the file mode is not copied, because an installation can be read-only
+                # Do not copy the file mode, because an installation can be read-only.
                 shutil.copyfile(path, place)
     return sum(path.stat().st_size for path in paths if path.is_file())

@@ -31,12 +31,12 @@ _PATTERN = re.compile(r"\s*(?:(?:counts|metrics)\.)?([a-z_]+)\s*(>=|<=|==|!=|>|<
 FailingLevel = Literal["limited", "bad"]
 _FAILING: dict[FailingLevel, tuple[Level, ...]] = {"limited": ("limited", "bad"), "bad": ("bad",)}
 Profile = Literal["game", "print", "research"]
-# The conditions that make a mesh unfit, for each purpose. The limits of `game` and `print` are our choice.
+# The conditions that make a mesh unfit, for each purpose. We chose the limits of `game` and `print`.
 PROFILES: dict[Profile, tuple[str, ...]] = {
-    # For engines. Simplification, subdivision and UV unwrapping need connected faces: V/F is 0.5 for a closed
-    # mesh and 3 for a triangle soup. Props (game objects) may consist of pieces. Engines duplicate vertices
-    # at non-manifold elements. Up to 1 % of non-manifold elements can be repaired by a tool or by hand.
-    # Open edges are harmless in game engines.
+    # For engines. Simplification, subdivision and UV unwrapping need connected faces. A closed mesh has V/F =
+    # 0.5, and a triangle soup has V/F = 3. Props (game objects) may consist of pieces. Engines duplicate
+    # vertices at non-manifold elements. Up to 1 % of non-manifold elements can be repaired by a tool or by
+    # hand. Open edges are harmless in game engines.
     "game": (
         "nonfinite_faces>0",
         "vf_ratio>2.5",
@@ -55,8 +55,8 @@ PROFILES: dict[Profile, tuple[str, ...]] = {
         "duplicate_faces>0",
         "repeated_index_faces>0",
     ),
-    # The mesh must be connected at least as well as the average of MeshSplatting over the paper's scenes
-    # (Table mesh_connectivity).
+    # The mesh must be connected at least as well as the paper's average of MeshSplatting (Table
+    # mesh_connectivity).
     "research": (
         "nonfinite_faces>0",
         "boundary_edge_ratio>0.45",
@@ -102,9 +102,9 @@ class Gate:
     profile: Profile | None = None
 
     def check(self, audit: Audit, path: Path) -> GateFailed | None:
-        """Return the error if the condition is true for `audit`.
+        """Return an error if the condition is true for `audit`.
 
-        The gates of a profile check the requested weld, otherwise the mesh with its seams merged. A ratio
+        A profile checks the mesh after the requested weld, or otherwise the mesh with merged seams. A ratio
         with the denominator 0 also fails, because an empty mesh must not pass.
         """
         judged = audit if self.profile is None else audit.welded or audit.judged

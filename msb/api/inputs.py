@@ -14,7 +14,7 @@ from msb.meshes import MESH_SUFFIXES
 
 
 def expand(path: Path) -> list[Path]:
-    """Return the inputs of a path or pattern without repeats; folders in `matches` are expanded."""
+    """Return the inputs of a path or pattern without repeats. Folders in `matches` are expanded."""
     return list(dict.fromkeys(each for match in matches(path) for each in inputs_at(match)))
 
 
@@ -38,13 +38,13 @@ def matches(path: Path) -> list[Path]:
 
 
 def inputs_at(path: Path) -> list[Path]:
-    """Return an input itself; for a folder, return its assets, checkpoints and mesh files, sorted."""
+    """Return an input itself. For a folder, return its assets, checkpoints and mesh files, sorted."""
     if not _is_folder(path) or is_asset(path) or is_checkpoint(path):
         return [path]
     inputs = sorted(_find_below(path))
-    # A folder whose name fits no method can still contain a single model file.
+    # If no folder name fits a method, the folder can still contain a single model file.
     if not inputs and bare_models(path):
-        locate(path)  # this raises an error if the folder contains several models
+        locate(path)  # Raises an error if the folder contains several models.
         return [path]
     if not inputs:
         wanted = ", ".join((ASSET_SUFFIX, *MESH_SUFFIXES))
@@ -77,4 +77,4 @@ def is_input(folder: Path) -> bool:
     try:
         return is_asset(folder) or is_checkpoint(folder)
     except InputError:
-        return True  # the error is reported when this input is opened
+        return True  # Opening this input reports the error.

@@ -1,7 +1,8 @@
-"""Open a file of any kind as an asset, or read a mesh as stored, for the API, commands and viewers.
+"""Opens a file of any kind as an asset, or reads a mesh as stored.
 
-An asset is detected by its name or manifest, and a checkpoint by the name of its file or folder. A PLY
-table of primitives is detected by its header. All other files are treated as mesh files.
+The API, commands and viewers use this module. An asset is detected by its name or manifest, and a checkpoint
+by the name of its file or folder. A PLY table of primitives is detected by its header. All other files are
+treated as mesh files.
 """
 
 from __future__ import annotations
@@ -86,8 +87,9 @@ def as_asset(asset: Asset | str | os.PathLike[str]) -> Asset:
 
 @dataclass(frozen=True, eq=False)
 class StoredMesh:
-    """A mesh exactly as its file stores it, in the precision of the file. The values of the mesh are not
-    checked.
+    """A mesh exactly as its file stores it, in the precision of the file.
+
+    The values of the mesh are not checked.
 
     Attributes
     ----------
@@ -128,7 +130,7 @@ class StoredMesh:
 
     @property
     def attributes(self) -> Attributes:
-        """The attributes at whose seams files duplicate vertices."""
+        """Attributes that differ at seams, where files duplicate vertices."""
         from msb.topology.seams import seam_attributes
 
         # In a trained triangle soup, corners coincide only by chance.
@@ -168,7 +170,7 @@ def _store(mesh: Mesh, path: Path | None) -> StoredMesh:
     from msb.meshes.mesh import report_left_out
     from msb.meshes.writing import check_indices
 
-    if mesh.wrong_face is not None:  # only the reader knows the line of an invalid index
+    if mesh.wrong_face is not None:  # Only the reader knows the line of an invalid index.
         with about(path):
             check_indices(mesh)
     # Vertex colours take precedence over face colours.
@@ -193,9 +195,9 @@ def _store(mesh: Mesh, path: Path | None) -> StoredMesh:
 def stored_object(given: object) -> StoredMesh:
     """Return the mesh of an object with arrays: a `Mesh`, a pair, or an object of another library.
 
-    A pair is a tuple or list (vertices, faces). An object of another library must have the attributes
-    `vertices` and `faces` (trimesh), or be a PolyData of pyvista. The method `triangulate` of a PolyData
-    splits its polygons.
+    A pair is a tuple or list (vertices, faces). An object of another library can be a PolyData of pyvista.
+    Any other object needs the attributes `vertices` and `faces`, as in trimesh. The method `triangulate` of a
+    PolyData splits its polygons.
 
     Raises
     ------

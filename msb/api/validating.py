@@ -1,4 +1,4 @@
-"""The function `msb.validate`, which reports all errors of a file."""
+"""The function `msb.validate` reports all errors of a file."""
 
 import os
 from collections.abc import Iterator
@@ -20,14 +20,14 @@ def validate(path: str | os.PathLike[str]) -> Validation:
     Parameters
     ----------
     path : str or Path
-        An asset, a mesh file or a checkpoint. Mesh files and checkpoints are converted to an asset in
-        memory, which is checked.
+        An asset, a mesh file or a checkpoint. A mesh file or checkpoint is converted to an asset in memory,
+        and this asset is checked.
 
     Returns
     -------
     Validation
-        `valid` and `findings`; errors are first. `print` shows the result as a readable list. `msb validate
-        --explain CODE` gives the remedy for a code.
+        The attributes are `valid` and `findings`; errors come first. `print` shows the result as a readable
+        list. `msb validate --explain CODE` gives the remedy for a code.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def validate(path: str | os.PathLike[str]) -> Validation:
     if not is_asset(place):
         return _check_other(place)
     result = validate_asset(place)
-    # Errors are first, because there can be thousands of warnings.
+    # Errors come first, because a file can have thousands of warnings.
     findings = sorted(result.findings, key=lambda item: _SEVERITIES.index(item.severity))
     if result.asset is not None and result.valid:
         findings += _degenerate(result.asset.buffers["positions"], result.asset.buffers["indices"])

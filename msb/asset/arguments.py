@@ -11,7 +11,7 @@ A_CAMERA = "an msb.Camera"
 
 
 def check_type(name: str, value: object, kind: type, wanted: str) -> None:
-    """Check that an argument is of type `kind`; `wanted` describes the type in the message."""
+    """Check that an argument is of type `kind`. The text `wanted` describes the type in the message."""
     if not isinstance(value, kind):
         raise UsageError("USAGE", f"{name} is of type {type(value).__name__}; it must be {wanted}")
 

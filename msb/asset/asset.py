@@ -47,9 +47,9 @@ class Asset:
 
     Notes
     -----
-    `load` does not read the values, so check values before computing with them. The memory mapping exists as
-    long as an array refers to it. If another program truncates the file, access to the lost pages ends the
-    process, as with any memory mapping.
+    `load` does not read the values. Check the values before computing with them. The memory mapping exists as
+    long as an array refers to it. If another program truncates the file, reading the missing part ends the
+    process, as for any memory mapping.
 
     `copy.copy` shares the arrays and the mapping. `copy.deepcopy` and `pickle` copy the values, so that the
     copy does not need the file. To pass an asset to another process on the same machine, send its path.
@@ -89,15 +89,14 @@ class Asset:
 
     @property
     def colors(self) -> NDArray[np.float32] | None:
-        """The static colours of the standard tier (opaque rendering) as a new array in [0, 1], sRGB; None
-        without such colours.
+        """The static sRGB colours of the standard tier (opaque rendering) in [0, 1] as a new array, or None.
 
         The shape is (V, 3) or (V, 4) if the model stores colours by vertex, (F, 3) or (F, 4) by face, and
-        (3F, 3) or (3F, 4) by face corner. ``asset.manifest.buffers["color"].domain`` states the domain. For
-        a model with spherical harmonics, the coefficients of degree 0 give the colour, and their buffer is
+        (3F, 3) or (3F, 4) by face corner. ``asset.manifest.buffers["color"].domain`` states the domain. For a
+        model with spherical harmonics, the colour comes from the coefficients of degree 0 in the buffer
         ``"f_dc"``. A fourth channel is alpha, which renderers ignore. The result does not include textures.
-        Textures are the buffers ``texture.0``, ``texture.1`` and so on. Renderers multiply textures by
-        these colours.
+        Textures are the buffers ``texture.0``, ``texture.1`` and so on. Renderers multiply textures by these
+        colours.
         """
         from msb.asset.look import tint_of
 
@@ -108,7 +107,7 @@ class Asset:
         return found.values.astype(np.float32) / scale
 
     def audit(self, **options: Any) -> msb.Audit:
-        """Audit the mesh exactly as it is stored. The options are those of `msb.audit`."""
+        """Audit the mesh exactly as it is stored. The options are the options of `msb.audit`."""
         import msb
 
         return msb.audit(self, **options)
@@ -132,13 +131,16 @@ class Asset:
         return msb.render(self, camera, tier, **options)
 
     def save(self, path: str | os.PathLike[str], **options: Any) -> None:
-        """Write the asset in the format of the suffix of `path`. The options are those of `msb.save`."""
+        """Write the asset in the format of the suffix of `path`.
+
+        The options are the options of `msb.save`.
+        """
         import msb
 
         msb.save(self, path, **options)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A mappingproxy cannot be pickled or copied, and unpickled arrays are writable.
+        # A mappingproxy cannot be pickled or copied, and unpickled arrays are always writable.
         return _restored, (self.manifest, dict(self.buffers), self.path, self.warnings, self.opened_from)
 
     def __repr__(self) -> str:

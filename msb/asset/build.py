@@ -40,7 +40,7 @@ from msb.base.version import __version__
 from msb.errors import AssetError
 from msb.registry import TIERS
 
-# Number of rows of a buffer that are processed at a time. Chunks limit the memory, and cost no time.
+# Number of rows of a buffer that are processed at a time. Chunks limit the memory without costing time.
 CHUNK_ROWS = 1 << 20
 
 # Number of bytes that are hashed or written at a time.
@@ -53,10 +53,10 @@ _DTYPE_NAMES = {dtype: name for name, dtype in DTYPES.items()}
 
 @dataclass(frozen=True)
 class Description:
-    """The keys of `Manifest` that cannot be computed from the arrays. An adapter (reader of a method's
-    files) sets these keys.
+    """The part of `Manifest` that cannot be computed from the arrays.
 
-    The defaults describe a mesh with static colours.
+    An adapter, which reads the files of a method, sets these keys. The defaults describe a mesh with static
+    colours.
     """
 
     method: str = "mesh"
@@ -151,9 +151,9 @@ def build_asset(
 def measure_bounds(positions: NDArray[np.float32]) -> tuple[Bounds, BoundingSphere]:
     """Return the bounding box and a bounding sphere of the finite rows of `positions` (V, 3).
 
-    At least one row must be finite. The sphere has the centre of the bounding box, and at most sqrt(3)
-    times the radius of the smallest sphere. The result does not depend on the order of the points. The
-    function takes O(V) time and O(1) memory.
+    At least one row must be finite. The sphere has the centre of the bounding box. The radius of the sphere
+    is at most sqrt(3) times the radius of the smallest sphere. The result does not depend on the order of the
+    points. The function takes O(V) time and O(1) memory.
     """
     # First pass: compute the bounding box. Second pass: compute the largest distance of a vertex from the
     # centre of the box.
@@ -179,7 +179,7 @@ def _finite_chunks(positions: NDArray[np.float32]) -> Iterator[NDArray[np.float3
     for start in range(0, len(positions), CHUNK_ROWS):
         rows = positions[start : start + CHUNK_ROWS]
         finite = np.isfinite(rows)
-        if not finite.all():  # testing rows takes ten times as long, and is rare
+        if not finite.all():  # Selecting rows is slow, but rarely needed.
             rows = rows[finite.all(axis=1)]
         if len(rows):
             yield rows
@@ -195,7 +195,7 @@ def _columnwise(ufunc: np.ufunc, rows: NDArray[np.float32]) -> NDArray[np.float6
 
 
 def _triple(vector: NDArray[np.float64]) -> tuple[float, float, float]:
-    x, y, z = (float(value) + 0.0 for value in vector)  # adding 0.0 turns -0.0 into 0.0
+    x, y, z = (float(value) + 0.0 for value in vector)  # Adding 0.0 converts -0.0 to 0.0.
     return x, y, z
 
 
@@ -217,7 +217,10 @@ def _topology(positions: NDArray[np.float32], indices: NDArray[np.uint32]) -> To
 
 
 def first_shared(indices: NDArray[np.uint32]) -> int | None:
-    """Return the first corner i (0 to 3 F - 1) whose vertex index is not i, or None for a triangle soup."""
+    """Return the first corner i (0 to 3 F - 1) whose vertex index is not i.
+
+    Return None for a triangle soup.
+    """
     for start in range(0, len(indices), CHUNK_ROWS):
         rows = indices[start : start + CHUNK_ROWS].ravel()
         wrong = rows != np.arange(3 * start, 3 * start + rows.size, dtype=np.uint64)
@@ -227,7 +230,7 @@ def first_shared(indices: NDArray[np.uint32]) -> int | None:
 
 
 def _spec(name: str, array: NDArray[Any], domain: Any, meter: Meter) -> BufferSpec:
-    """Return the declaration of a buffer with its hash; the buffer is in a file of this name."""
+    """Return the declaration of a buffer with its hash. The buffer file is named after the buffer."""
     digest, data = hashlib.sha256(), as_bytes(array)
     for start in range(0, len(data), CHUNK_BYTES):
         digest.update(data[start : start + CHUNK_BYTES])

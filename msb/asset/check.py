@@ -23,8 +23,8 @@ MAX_TRIANGLE_DEGREE = 3
 # The orders of the columns of f_rest. In the first order, coefficient k = 1..K of channel c = 0..2 is in
 # column 3 (k - 1) + c. In the second order, coefficient k of channel c is in column c K + k - 1.
 F_REST_ORDERS = ("coefficient_major", "channel_major")
-# For each standard buffer: possible dtypes, possible lengths of the second axis (None for a single axis),
-# and possible domains.
+# For each standard buffer: its possible dtypes, lengths of the second axis, and domains. The length None
+# means an array with a single axis.
 _STANDARD: dict[str, tuple[tuple[str, ...], tuple[int, ...] | None, tuple[str, ...]]] = {
     "positions": (("float32",), (3,), ("vertex",)),
     "indices": (("uint32",), (3,), ("face",)),
@@ -68,7 +68,7 @@ def check_manifest(data: Any) -> list[Finding]:
 
 
 def raise_first_error(findings: list[Finding], file: object) -> None:
-    """Raise the first finding that is an error; `file` is the file of the manifest."""
+    """Raise the first finding that is an error. The error names `file`, the file of the manifest."""
     for item in findings:
         if item.severity == "error":
             raise item.to_error(file)
@@ -104,7 +104,7 @@ def _version(data: Json) -> tuple[int, int]:
 
 
 def _check_minor(data: Json, what: str, needed: str) -> Iterator[Finding]:
-    """Yield a finding if the manifest uses `what`, but has an older version than `needed`."""
+    """Yield a finding if the manifest uses the feature `what`, but is older than the version `needed`."""
     if _version(data) < _version({"version": needed}):
         text = f"version is {data['version']}; {what} need {needed}"
         yield finding("TRIASSET_FIELD", text, pointer="/version", value=data["version"], limit=needed)
@@ -140,7 +140,7 @@ def _check_bounds(data: Json) -> Iterator[Finding]:
 
 
 def _check_method(data: Json) -> Iterator[Finding]:
-    """Yield findings about the method and its coverage kernel, if the method is installed."""
+    """If the method is installed, yield findings about the method and its coverage kernel."""
     name, kernel = data["method"], data["coverage"]["kernel"]
     if name not in METHODS:
         text = f"the method {name} is not installed, so only the standard tier can draw the asset; "
@@ -194,7 +194,7 @@ def _check_buffer(name: str, spec: Json, data: Json) -> Iterator[Finding]:
     if name in _STANDARD:
         yield from _check_standard(name, spec)
     shape = spec["shape"]
-    size = math.prod(shape) * DTYPES[spec["dtype"]].itemsize  # Python integers cannot overflow here
+    size = math.prod(shape) * DTYPES[spec["dtype"]].itemsize  # Python integers do not overflow.
     at = f"{pointer}/byte_length"
     if size != length:
         text = f"buffer {name} has {size} bytes (shape {shape}, {spec['dtype']}); byte_length is {length}"
@@ -221,7 +221,7 @@ def _check_standard(name: str, spec: Json) -> Iterator[Finding]:
     if domain not in domains:
         text = f"buffer {name} has domain {domain}; it must be {' or '.join(domains)}"
         yield finding("TRIASSET_BUFFER", text, pointer=f"{pointer}/domain", value=domain)
-    # The width of f_rest depends on sh_degree, and is checked in `_check_required_buffers`.
+    # The width of f_rest depends on sh_degree. `_check_required_buffers` checks this width.
     fits = len(shape) == 1 if widths is None else len(shape) == 2 and shape[1] in widths
     if not fits and name != "f_rest":
         wanted = "n" if widths is None else " or ".join(f"n x {width}" for width in widths)
@@ -316,7 +316,7 @@ def _check_layout(buffers: dict[str, Json]) -> Iterator[Finding]:
 
     The buffers in a file must fill the file from byte 0, aligned and without gaps.
     """
-    # For each file, the (offset, length, name) of its buffers.
+    # Collect (offset, length, name) of the buffers of each file.
     files: dict[str, list[tuple[int, int, str]]] = {}
     for name, spec in buffers.items():
         files.setdefault(spec["file"], []).append((spec["offset"], spec["byte_length"], name))

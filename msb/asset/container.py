@@ -1,4 +1,4 @@
-"""The two forms of an asset, packed and folder, with a common interface of names, sizes and mapped bytes.
+"""An asset in packed form or in folder form, with a common interface for file names, sizes and mapped bytes.
 
 The packed form is a ZIP of stored (uncompressed) members, which is mapped as a whole. Each member starts on
 a 64-byte boundary. The archive is the strict subset of ZIP that docs/triasset.md describes and
@@ -86,7 +86,7 @@ class _Packed(Policy):
 
 
 class PackedContainer:
-    """An asset in a single file. The docstrings of its methods apply to both forms."""
+    """An asset in a single file. The method docstrings also apply to `FolderContainer`."""
 
     def __init__(self, path: Path, data: mmap.mmap | bytes) -> None:
         self.path = path
@@ -110,7 +110,7 @@ class PackedContainer:
         return self._member(file).size
 
     def map(self, file: str) -> tuple[memoryview, int]:
-        """Return mapped bytes that contain `file`, and its offset in them."""
+        """Return mapped bytes that contain `file`, and the offset of `file` in these bytes."""
         return self._view, self._member(file).offset
 
     def undeclared(self, declared: set[str]) -> list[Finding]:
@@ -124,7 +124,7 @@ class PackedContainer:
         ]
 
     def check_bytes(self) -> list[Finding]:
-        """Return findings about the checksums of the ZIP. This reads the whole asset."""
+        """Return findings about the checksums of the ZIP. This check reads the whole asset."""
         findings = []
         for member in self._members.values():
             crc = 0
@@ -173,7 +173,7 @@ class FolderContainer:
         findings: list[Finding] = []
         for folder, prefix in ((self.path, ""), (self.path / "buffers", "buffers/")):
             if prefix and not stat.S_ISDIR(_mode(folder)):
-                continue  # the file is missing or a link, which is reported elsewhere
+                continue  # Another check reports a missing folder or a link.
             try:
                 with os.scandir(folder) as entries:
                     names += [prefix + entry.name for entry in itertools.islice(entries, _MAX_LISTED)]
@@ -207,7 +207,7 @@ class FolderContainer:
 
 
 def _map_member(path: Path, member: str, *, asset: object) -> tuple[mmap.mmap | bytes, os.stat_result]:
-    """Map the file at `path` read-only; the file is the member `member` of `asset`.
+    """Map the file at `path` read-only. The file is the member `member` of `asset`.
 
     Return the mapping and the file's status.
 
@@ -236,7 +236,7 @@ def _map_member(path: Path, member: str, *, asset: object) -> tuple[mmap.mmap | 
 def _open_member(path: Path, member: str) -> int:
     """Return a descriptor of `path`.
 
-    Links are never followed, even if another program creates a link at this moment.
+    Links are never followed, even if another program creates a link during this call.
     """
     flags = READ_ONLY | getattr(os, "O_NOFOLLOW", 0)
     if "/" not in member or os.open not in os.supports_dir_fd:

@@ -16,7 +16,7 @@ _CHUNK = 1 << 23
 def check_drawable(asset: Asset, names: Iterable[str] | None = None) -> None:
     """Check in one pass over the buffers that the values of an asset can be drawn.
 
-    `names` are the float buffers to check, by default all.
+    The argument `names` contains the float buffers to check. By default, all float buffers are checked.
 
     Raises
     ------
@@ -36,15 +36,15 @@ def check_drawable(asset: Asset, names: Iterable[str] | None = None) -> None:
 def first_bad(array: NDArray[Any], *, infinite: bool = False) -> tuple[int, ...] | None:
     """Return the index of the first value of `array` (N, ...) that is NaN or infinite, or None.
 
-    With `infinite`, infinite values are allowed. The array is read once, in chunks.
+    With `infinite`, infinite values are allowed.
     """
     rows = max(1, _CHUNK // max(1, array[:1].size))
     for start in range(0, len(array) if array.size else 0, rows):
         part = array[start : start + rows]
         with np.errstate(over="ignore", invalid="ignore"):
-            # A fast test: the minimum is NaN if any value is NaN, and a finite sum has finite terms only.
-            # The sum of finite values can overflow, too. If the sum is not finite, single values are
-            # tested.
+            # A fast test reduces each chunk to one value. The minimum is NaN if any value is NaN, and a
+            # finite sum has only finite terms. A sum of finite values can also overflow. Therefore single
+            # values are tested if the sum is not finite.
             total = part.min() if infinite else part.sum(dtype=np.float64)
         if np.isnan(total) if infinite else not np.isfinite(total):
             bad = np.isnan(part) if infinite else ~np.isfinite(part)

@@ -10,10 +10,9 @@ from msb.asset.drawable import first_bad
 
 
 def find_bad_rows(array: NDArray[Any], *, infinite: bool = False) -> NDArray[np.bool_] | None:
-    """Return a mask (N,) of the rows of `array` (N, ...) with NaN or infinity, or None if no row has such
-    values.
+    """Return a mask (N,) of the rows of `array` (N, ...) with NaN or infinity.
 
-    With `infinite`, infinite values are allowed.
+    Return None if no row has such values. With `infinite`, infinite values are allowed.
     """
     if array.dtype.kind != "f" or first_bad(array, infinite=infinite) is None:
         return None
@@ -37,7 +36,7 @@ def find_bad_faces(
         domain = "vertex" if name == "positions" else domains.get(name)
         if rows is None or domain not in ("vertex", "face", "corner"):
             continue
-        # of_face (F, k) has the marks of the face itself, of its vertices, or of its corners.
+        # `of_face` (F, k) marks faces whose values, vertices or corners are not finite.
         of_face = rows[faces] if domain == "vertex" else rows.reshape(len(faces), -1)
         bad |= of_face.any(axis=1)
         names += [name] if of_face.any() else []
@@ -47,11 +46,10 @@ def find_bad_faces(
 def select_vertices(
     positions: NDArray[Any], faces: NDArray[Any], keep: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Return a mask (V,) of the vertices that remain with the faces `keep` (F,), and the new numbers (V,)
-    of these vertices.
+    """Return a mask (V,) of the vertices that the faces `keep` (F,) use.
 
-    Vertices that are not finite are dropped. Vertices that are used only by dropped faces are dropped as
-    well.
+    Also return the new numbers (V,) of these vertices. Vertices that are not finite are dropped. Vertices
+    that are used only by dropped faces are dropped as well.
     """
     is_kept = np.isfinite(positions).all(axis=1)
     orphan = np.zeros(len(positions), bool)

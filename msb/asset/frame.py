@@ -20,13 +20,14 @@ if TYPE_CHECKING:
     from msb.asset.asset import Asset
 
 Vector = tuple[float, float, float]
-# Sine of the angle below which an up direction counts as an axis; rounding an axis gives smaller angles.
+# An up direction counts as an axis if the sine of the angle between the direction and the axis is below this
+# value. Rounding an axis gives smaller angles.
 _ROUNDED = 1e-6
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Known properties of the frame of a capture; None for an unknown property.
+    """Known properties of the frame of a capture. Unknown properties are None.
 
     Attributes
     ----------
@@ -35,7 +36,7 @@ class Frame:
     meters_per_unit : float, optional
         The length of the unit in metres.
     source : str
-        The origin of this length.
+        The source of this length.
     floor : float, optional
         The height along `up`, in units, that files put at zero.
     """
@@ -56,7 +57,7 @@ def parse_up(text: str) -> Vector:
 
 
 def unit_vector(vector: Sequence[float]) -> Vector:
-    """Return a vector scaled to length 1; a vector without a direction raises USAGE."""
+    """Return a vector scaled to length 1. A vector without a direction raises USAGE."""
     length = math.hypot(*vector)
     if not 0 < length < math.inf:
         raise UsageError("USAGE", "--up is zero; it must be a vector with a direction")

@@ -41,10 +41,10 @@ class StaticColors:
 
 
 def static_colors(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str]) -> StaticColors | None:
-    """Return the buffer `color`, otherwise clamp(C0 f_dc + 0.5, 0, 1), or None if both buffers are missing.
+    """Return the buffer `color`, or clamp(C0 f_dc + 0.5, 0, 1). Return None if both buffers are missing.
 
-    Colours are clamped before they are interpolated (paper, "Standard deployment"). `domains` maps buffers
-    to their domains.
+    Colours are clamped before they are interpolated (paper, "Standard deployment"). The argument `domains`
+    maps buffers to their domains.
     """
     for name in ("color", "f_dc"):
         if name in buffers:
@@ -71,7 +71,7 @@ def tint_of(asset: Asset) -> StaticColors | None:
 def corner_colors(textured: Textured, tint: StaticColors | None, indices: NDArray[Any]) -> StaticColors:
     """Return the sRGB colours (3F, 3) float32 of textures at the corners of the faces, multiplied by `tint`.
 
-    Programs that cannot draw textures use the result. `indices` are the faces (F, 3).
+    Programs that cannot draw textures use the result. The argument `indices` contains the faces (F, 3).
     """
     # Sample each texture at the corners of its faces, in linear light (3F, 4).
     light = np.zeros((textured.uvs.size // 2, 4), np.float32)
@@ -86,7 +86,7 @@ def corner_colors(textured: Textured, tint: StaticColors | None, indices: NDArra
 
 
 def corner_tint(tint: StaticColors, indices: NDArray[Any]) -> NDArray[np.float32]:
-    """Return colours as linear light and alpha (3F, 4) float32 at the corners of the faces (F, 3)."""
+    """Return the colours at the corners of the faces (F, 3), as linear light and alpha (3F, 4) float32."""
     values = tint.values if tint.values.dtype == np.float32 else tint.values / np.float32(255)
     light = np.ones((len(values), 4), np.float32)
     light[:, : values.shape[1]] = values
@@ -114,9 +114,9 @@ def lit_grey(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[
 def daylight(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[np.float64]:
     """Return the brightness (F,) of faces: a + (1 - a) |n . l|.
 
-    Here n is the normal of the face, l is the direction of the light, and a is the ambient part. Both sides
-    of a face have equal brightness, because the winding can be inconsistent. A face without a normal has
-    the ambient brightness a. The `axis`, such as "+y", points up.
+    In this formula, n is the normal of the face, l is the direction of the light, and a is the ambient
+    brightness. Both sides of a face have equal brightness, because the winding can be inconsistent. A face
+    without a normal has the brightness a. The `axis`, such as "+y", points up.
     """
     facing, light = np.zeros(len(faces)), light_toward(axis)
     for here, _, normals in normals_of(vertices, faces):
@@ -130,8 +130,8 @@ def normals_of(
 ) -> Iterator[tuple[slice, NDArray[np.float64], NDArray[np.float64]]]:
     """Yield chunks of faces: their slice, first corners (n, 3), and normals (n, 3).
 
-    The length of a normal is twice the area of its face. Chunks fit into the cache, because writing to new
-    memory takes longer than the arithmetic.
+    The length of a normal is twice the area of its face. Chunks fit into the CPU cache, which is faster than
+    writing all normals to new memory.
     """
     for start in range(0, len(faces), _AT_ONCE):
         here = slice(start, start + _AT_ONCE)
@@ -156,8 +156,10 @@ def up_axis(asset: Asset) -> str:
 
 
 def written_up(asset: Asset) -> str | None:
-    """Return the up axis for files written from `asset`, or None for a mesh file that does not state its up
-    axis."""
+    """Return the up axis for files written from `asset`.
+
+    Return None for a mesh file that does not state its up axis.
+    """
     frame, method = asset.manifest.coordinate_frame, asset.manifest.method
     return frame.known_up if method == "mesh" else known_up(frame.up, method)
 
@@ -165,8 +167,8 @@ def written_up(asset: Asset) -> str | None:
 def known_up(stored: str, method: str | None) -> str:
     """Return the up axis `stored`, or a default if `stored` is "unknown".
 
-    The default is +y for a mesh file (method None or "mesh"), as in glTF. For a trained scene it is -y, as
-    in COLMAP.
+    The default is +y for a mesh file (method None or "mesh"), as in glTF. The default for a trained scene is
+    -y, as in COLMAP.
     """
     if stored != "unknown":
         return stored
@@ -189,9 +191,9 @@ def clamp_colors(colors: NDArray[Any]) -> NDArray[Any]:
 def visible_faces(asset: Asset, ste_threshold: float | None) -> NDArray[np.bool_] | None:
     """Return the mask (F,) of faces with an opacity above the STE threshold (a setting of 2DTS).
 
-    The result is None without a threshold, or if the asset has no opacity. Opacity and threshold are
-    compared as float32, as in the official code (GaodeRender/triangle-splatting). The standard tier uses
-    opacity only for this threshold. An opacity buffer of another domain raises `TRIASSET_BUFFER`.
+    The result is None without a threshold, or if the asset has no opacity. Opacity and threshold are compared
+    as float32, as in the official code (GaodeRender/triangle-splatting). The standard tier uses opacity only
+    for this threshold. An opacity buffer that is not per face raises `TRIASSET_BUFFER`.
     """
     if ste_threshold is None or "opacity" not in asset.buffers:
         return None

@@ -13,8 +13,8 @@ from msb.base.origin import NO_ORIGIN, Origin
 from msb.registry import TIERS, SettingSource, SettingValue
 
 FORMAT = "triasset"
-# The newest supported version of the format. An asset is written as the oldest version with all needed
-# features: 1.1 adds textures and origins, 1.2 adds Gaussians and frames.
+# The newest supported version of the format. An asset is written in the oldest version that has all needed
+# features. Version 1.1 adds textures and origins, and version 1.2 adds Gaussians and frames.
 VERSION = "1.2"
 TEXTURE_VERSION = "1.1"
 PLAIN_VERSION = "1.0"
@@ -24,8 +24,8 @@ MAJOR = 1
 MINOR = 2
 ASSET_SUFFIX = ".triasset"
 MANIFEST_NAME = "manifest.json"
-# Alignment of buffers in bytes; 64 bytes are a cache line, and the strictest alignment that GPUs require of
-# host pointers.
+# Alignment of buffers in bytes. 64 bytes are the size of a cache line, and the strictest alignment that GPUs
+# require of host pointers.
 ALIGNMENT = 64
 
 Topology = Literal["triangle_soup", "indexed_mesh"]
@@ -67,7 +67,7 @@ class StoredSetting:
 
 @dataclass(frozen=True)
 class SourceFile:
-    """A source file of the asset. `path` is relative to the exported folder."""
+    """A source file of the asset. The field `path` is relative to the exported folder."""
 
     path: str
     sha256: str
@@ -99,8 +99,8 @@ class CoordinateFrame:
 class BufferSpec:
     """The declaration of a buffer: its position in a file, its type, its shape and its domain.
 
-    The first length of `shape` is the size of the domain (V, F or 3F); for "global" it is any number.
-    `offset` and `byte_length` count bytes in `file`.
+    The first length of `shape` is V, F or 3F, depending on the domain. For the domain "global", any length is
+    valid. The fields `offset` and `byte_length` count bytes in `file`.
     """
 
     file: str
@@ -135,18 +135,19 @@ class Manifest:
     source: Source
     buffers: dict[str, BufferSpec]
     training: Parameters = field(default_factory=dict)
-    """Properties of the training, read from its config files. An empty mapping is not written."""
+    """Properties of the training, read from its config files. The file omits an empty mapping."""
     primitive: Primitive = "triangle"
-    """The primitive of a face: a triangle, which is not written, or the placeholder triangle of a
-    Gaussian."""
+    """The primitive of a face: a triangle (the default, omitted in files), or the placeholder triangle of a
+    Gaussian.
+    """
     up: str | None = None
-    """The precise up direction: an axis, or three numbers "X,Y,Z". None is not written."""
+    """The precise up direction: an axis, or three numbers "X,Y,Z". Files omit the value None."""
     unit: Parameters | None = None
-    """The length of the unit: "meters_per_unit", which may be None, and its "source". None is not written."""
+    """The length "meters_per_unit" of the unit, or None, and its "source". Files omit the value None."""
     floor: float | None = None
-    """The height along the up direction, in scene units, that files put at zero. None is not written."""
+    """The height along the up direction, in scene units, that mesh files move to zero. May be None."""
     origin: Origin = NO_ORIGIN
-    """The point of the scene to which positions are relative. The origin (0, 0, 0) is not written."""
+    """The point of the scene to which positions are relative. Files omit the origin (0, 0, 0)."""
     format: str = FORMAT
     version: str = PLAIN_VERSION
     extra: Parameters = field(default_factory=dict, repr=False)

@@ -11,8 +11,10 @@ from msb.base.origin import NO_ORIGIN, Origin, to_world
 
 
 def world_positions(asset: Asset) -> NDArray[np.floating]:
-    """Return the coordinates (V, 3) in the scene: the stored float32 array, or a float64 array if the asset
-    has an origin."""
+    """Return the coordinates (V, 3) in the scene.
+
+    The array is the stored float32 array, or float64 if the asset has an origin.
+    """
     return to_world(asset.buffers["positions"], asset.manifest.origin)
 
 

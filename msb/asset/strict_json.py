@@ -22,8 +22,10 @@ _SURROGATE = re.compile(r"[\ud800-\udfff]")
 
 
 class _RejectedError(Exception):
-    """The problem in a document, and its position in bytes. The text of the message follows the name of the
-    document."""
+    """The problem in a document, and its position in bytes.
+
+    The message follows the name of the document in the error.
+    """
 
     def __init__(self, message: str, byte: int | None = None) -> None:
         super().__init__(message)
@@ -41,7 +43,8 @@ def parse_strict_json(
 ) -> Any:
     """Return the value of a JSON document, which is UTF-8 without a byte-order mark.
 
-    Errors have the class `error` and the code `code`. Errors name the file `file` and the document `name`.
+    Errors are of the class `error` and have the code `code`. Errors name the file `file` and the document
+    `name`.
     """
     try:
         text = _decode(data, max_bytes)

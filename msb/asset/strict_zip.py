@@ -1,11 +1,11 @@
 """A strict reader of ZIP files with stored (uncompressed) members: `.triasset` files and checkpoints of
 torch.
 
-The file has the local headers with their data, from byte 0 and without gaps; then the central directory and
-the end record. The standard library tolerates duplicate names, data before or between members, and
-contradictory headers. Different readers would find different content in such a file, so this reader rejects
-it. A `Policy` describes the differences between assets and checkpoints. Record layouts: PKWARE APPNOTE
-6.3.10, sections 4.3.7, 4.3.9, 4.3.12, 4.3.14 to 4.3.16, 4.4.4 and 4.5.3.
+The file begins with the local headers and their data, without gaps. The central directory and the end record
+follow. The standard library tolerates duplicate names, data before or between members, and contradictory
+headers. Therefore this reader rejects a file in which different readers would find different content. A
+`Policy` describes the differences between assets and checkpoints. Record layouts: PKWARE APPNOTE 6.3.10,
+sections 4.3.7, 4.3.9, 4.3.12, 4.3.14 to 4.3.16, 4.4.4 and 4.5.3.
 """
 
 import struct
@@ -52,15 +52,18 @@ class Member:
 
 
 class Policy:
-    """The rules of one kind of archive. The checks of this base class accept every archive."""
+    """The rules of one kind of archive. This base class accepts every archive."""
 
     max_members: int
-    # Whether the archive may have the form that torch writes. In this form, sizes and checksum may follow
-    # the data, and local headers may repeat the central ZIP64 record.
+    # Whether the archive may have the form that torch writes. In such an archive, sizes and checksums may
+    # follow the data. Local headers may repeat the ZIP64 record of the central directory.
     descriptors = False
 
     def refuse(self, code: str, message: str, at: int) -> NoReturn:  # pragma: no cover
-        """Raise an error about byte `at`. `code` has no prefix for the kind of archive, for example FORM."""
+        """Raise an error about byte `at`.
+
+        The argument `code` is the error code without the prefix for the kind of archive, for example FORM.
+        """
         raise NotImplementedError
 
     def name(self, raw: bytes, flags: int, at: int) -> str:
@@ -68,7 +71,7 @@ class Policy:
         raise NotImplementedError
 
     def same_name(self, name: str) -> str:
-        """Return the normal form of a member name; no two members may have equal normal forms."""
+        """Return the normal form of a member name. Two members must not have the same normal form."""
         return name
 
     def compressed(self, name: str, method: int, at: int) -> NoReturn:
@@ -80,7 +83,7 @@ class Policy:
         """Check the length of a central header's extra field, and its external attributes."""
 
     def check_place(self, name: str, start: int, extra: int) -> None:
-        """Check the start of a member's data. The data follow an extra field of `extra` bytes."""
+        """Check the start of a member's data. The extra field before the data has `extra` bytes."""
 
 
 def read_members(data: Any, policy: Policy) -> dict[str, Member]:
@@ -154,7 +157,7 @@ class _Parser:
         if disk or first_disk or here != count:
             self.refuse("DAMAGED", "the archive is split over several files", at)
         if start + length != end:
-            # Data before the archive, such as a self-extracting program, shifts the directory.
+            # Data before the archive shifts the directory, for example in a self-extracting program.
             code = "HOSTILE" if start + length < end else "DAMAGED"
             text = f"the central directory should end at byte {end}, but ends at {start + length}"
             self.refuse(code, text, at)
@@ -209,7 +212,7 @@ class _Parser:
         return Member(name, crc, size, header, start, data_end), after
 
     def local_entry(self, name: str, raw: bytes, flags: int, central: tuple[int, int, int]) -> int:
-        """Check the local header against the central header; return the start of the data."""
+        """Check the local header against the central header. Return the start of the data."""
         crc, size, header = central
         label = shorten(name)
         fields = self.record(LOCAL, header, b"PK\x03\x04", "local header")
@@ -247,9 +250,9 @@ class _Parser:
     ) -> tuple[int, int]:
         """Return the size and the packed size from a local header written by torch.
 
-        Beyond 4 GiB, both sizes in the header are 0. The ZIP64 record of the local header then repeats the
-        record of the central directory. The ZIP64 record contains the size, a packed size of 0, and even an
-        offset. All values in the header must be correct.
+        For members beyond 4 GiB, both sizes in the header are 0. In this case, the ZIP64 record of the local
+        header repeats the record of the central directory. This record contains the size, a packed size of 0,
+        and an offset. All these values must be correct.
         """
         _, size, header = central
         wide = self.zip64(at, length, label)
@@ -270,9 +273,9 @@ class _Parser:
         return self.refuse("HOSTILE", text, at)
 
     def sizes64(self, at: int, length: int, short: tuple[int, int, int], label: str) -> tuple[int, int, int]:
-        """Return size, packed size and header offset; large values come from the ZIP64 record.
+        """Return the size, the packed size and the header offset. Large values come from the ZIP64 record.
 
-        Additional values in the ZIP64 record are rejected, because only some readers would use such values.
+        Additional values in the ZIP64 record are rejected, because readers treat such values differently.
         """
         wanted = short.count(FULL32)
         wide = self.zip64(at, length, label)
@@ -284,8 +287,10 @@ class _Parser:
         return size, packed, header
 
     def zip64(self, at: int, length: int, label: str) -> tuple[int, ...] | None:
-        """Return the numbers in the ZIP64 record of an extra field, or None without such a record. Other
-        extra records are padding."""
+        """Return the numbers in the ZIP64 record of an extra field, or None without such a record.
+
+        All other extra records are ignored as padding.
+        """
         wide: tuple[int, ...] | None = None
         end = at + length
         while at + 4 <= end:

@@ -21,8 +21,8 @@ Wrap = Literal["repeat", "clamp", "mirror"]
 KIND = "texture"
 # The pass of the standard tier that draws textures.
 PASS = "opaque_unlit_texture"
-# Tolerance of the alpha cutoff. A sample is drawn even if its alpha is below the cutoff by up to this
-# value. Rounding during interpolation can reduce the alpha.
+# Tolerance of the alpha cutoff. A sample is drawn if its alpha is at most this value below the cutoff.
+# Interpolation can reduce the alpha by rounding errors.
 ROUNDING = 1e-6
 NAME = re.compile(r"texture\.(0|[1-9][0-9]?)")
 # Maximum number of texels along a side of a texture.
@@ -47,7 +47,7 @@ class Sampler:
     wrap_u, wrap_v : {"repeat", "clamp", "mirror"}
         Continuation of the texture outside 0 to 1.
     alpha_cutoff : float, optional
-        Nothing is drawn where alpha is below this value. None means that alpha is ignored.
+        Nothing is drawn where alpha is below this value. The value None ignores alpha.
     """
 
     filter: Filter = "linear"
@@ -84,7 +84,7 @@ class Textured:
     images : tuple of (H, W, 3 | 4) uint8
         Images in sRGB; the fourth channel is alpha. Row 0 is v = 0.
     uvs : (F, 3, 2) float32
-        Texture coordinates of each corner. (0, 0) is the outer corner of the first texel of row 0.
+        Texture coordinates of each corner. The point (0, 0) is the outer corner of the first texel of row 0.
     face_texture : (F,) uint32, optional
         Index of the image of each face; None for a single image.
     sampler : Sampler
@@ -119,8 +119,10 @@ def textures_of(asset: Asset) -> Textured | None:
 def textures_in(
     buffers: Mapping[str, NDArray[Any]], domain: str, sampler: Sampler, path: Path | None = None
 ) -> Textured:
-    """Return the textures in `buffers`. Errors are those of `textures_of`; `domain` is the domain of the
-    buffer `uv`."""
+    """Return the textures in `buffers`.
+
+    Raises the errors of `textures_of`. The argument `domain` is the domain of the buffer `uv`.
+    """
     images = texture_images(buffers)
     uvs = buffers["uv"]
     if (at := first_bad(uvs)) is not None:
@@ -179,11 +181,11 @@ def encode_texels(values: NDArray[np.float32], channels: int) -> NDArray[np.uint
 
 
 def mip_levels(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
-    """Return `image` and its mip levels, each half as large as the previous level, down to one texel.
+    """Return `image` and its mip levels.
 
-    A texel is the average, in linear light, of 2 x 2 texels of the previous level. Along odd sides a texel
-    is the average of 3 texels instead of 2. The average is rounded to bytes, like the texels that a GPU
-    stores.
+    Each level has half the size of the previous level, down to one texel. A texel is the average, in linear
+    light, of 2 x 2 texels of the previous level. Along odd sides a texel is the average of 3 texels instead
+    of 2. The average is rounded to bytes, like the texels that a GPU stores.
     """
     levels = [image]
     for size in level_sizes(*image.shape[:2])[1:]:
@@ -192,7 +194,7 @@ def mip_levels(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
 
 
 def levels_read(image: NDArray[np.uint8], sampler: Sampler) -> list[NDArray[np.uint8]]:
-    """Return the mip levels of `image` that a sampler uses: all `mip_levels`, or only the first."""
+    """Return the mip levels of `image` that a sampler uses: all levels, or only the first level."""
     return mip_levels(image) if sampler.mipmaps else [image]
 
 
@@ -205,7 +207,7 @@ def level_sizes(height: int, width: int) -> list[tuple[int, int]]:
 
 
 def _halve(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return the next mip level, which has the given size.
+    """Return the next mip level of the given size.
 
     The level is computed in chunks, because floats need 16 times the memory of bytes.
     """
@@ -230,15 +232,15 @@ def _find_covered(
 ) -> list[tuple[NDArray[np.intp], NDArray[np.float32]]]:
     """Return the texels along an axis whose average gives the texels `rows` (n,) of the next mip level.
 
-    The axis has `size` texels in this level, and `half` texels in the next level. The result has 1, 2 or 3
-    pairs of texel indices (n,) and weights (n,).
+    The axis has `size` texels in the current level, and `half` texels in the next level. The result has 1, 2
+    or 3 pairs of texel indices (n,) and weights (n,).
     """
     if size == half:
         return [(rows, np.ones(len(rows), np.float32))]
     if size == 2 * half:
         shares: list[NDArray[Any]] = [np.full(len(rows), 0.5)] * 2
     else:
-        # size is odd (2 half + 1): a new texel covers one old texel completely, and its two neighbours
+        # If the size is odd (2 half + 1), a new texel covers one old texel completely and two neighbours
         # partly.
         shares = [(half - rows) / size, np.full(len(rows), half / size), (rows + 1) / size]
     return [(2 * rows + offset, share.astype(np.float32)) for offset, share in enumerate(shares)]
@@ -249,8 +251,8 @@ def sample(
 ) -> NDArray[np.float32]:
     """Return linear light and alpha (N, 4) of a texture with mip `levels` at `uvs` (N, 2).
 
-    `lod` (N,) is log2 of the number of texels of level 0 per pixel. Level 0 is used if `lod` is missing,
-    zero or negative. The fraction of `lod` blends two levels.
+    The argument `lod` (N,) is log2 of the number of texels of level 0 per pixel. A missing, zero or negative
+    `lod` selects level 0. If `lod` lies between two levels, both levels are blended.
     """
     if lod is None or not sampler.mipmaps or len(levels) == 1:
         return _sample_level(levels[0], uvs, sampler)

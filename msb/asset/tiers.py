@@ -7,7 +7,7 @@ from msb.registry import METHODS, NO_APPEARANCE, NO_TRIANGLES, Tier, lookup
 
 
 def passes_of(method: str, primitive: Primitive) -> dict[Tier, tuple[str, ...]]:
-    """Return, for a primitive of a method, the passes of each tier that can draw this primitive, in order.
+    """Return the passes that each renderer tier needs to draw a primitive of a method, in order.
 
     Gaussian methods have two kinds of assets: the Gaussians, and meshes extracted from the Gaussians.
     """
@@ -23,7 +23,7 @@ def why_not(manifest: Manifest, tier: Tier) -> str | None:
     """Return the reason why `tier` cannot draw an asset, or None if the tier can draw it.
 
     If the method is not installed, only the standard tier is supported. If the manifest lists no passes for
-    the standard tier, the asset has no static colours, and the standard tier is not supported either.
+    the standard tier, the asset has no static colours. The standard tier then cannot draw the asset.
     """
     name, passes = manifest.method, manifest.required_passes
     if tier == "standard" and manifest.primitive == "gaussian":
@@ -36,8 +36,10 @@ def why_not(manifest: Manifest, tier: Tier) -> str | None:
 
 
 def refusal(manifest: Manifest, tier: Tier) -> str | None:
-    """Return why `tier` cannot draw an asset, with an alternative if there is one; None if it can draw the
-    asset."""
+    """Return why `tier` cannot draw an asset, with an alternative if possible.
+
+    Return None if the tier can draw the asset.
+    """
     why = why_not(manifest, tier)
     if why is None:
         return None
@@ -49,7 +51,10 @@ def refusal(manifest: Manifest, tier: Tier) -> str | None:
 
 
 def reject_gaussians(primitive: Primitive, file: object) -> None:
-    """Raise UNSUPPORTED_METHOD if a model, opened from `file`, consists of Gaussians instead of triangles."""
+    """Raise UNSUPPORTED_METHOD if a model consists of Gaussians instead of triangles.
+
+    The error names `file`.
+    """
     if primitive == "gaussian":
         source = "MODEL" if file is None else shell_word(str(file))
         text = "Gaussian splats, not a mesh; make one with msb bake"

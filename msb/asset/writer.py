@@ -47,7 +47,7 @@ def write_asset(
     form : {"packed", "folder"}
         "packed" is a single file, a ZIP of stored members that are aligned to 64 bytes.
     overwrite : bool
-        Whether an existing file may be replaced. A folder is replaced only if it is an asset.
+        Whether an existing file may be replaced. An existing folder is replaced only if it contains an asset.
     progress : callable, optional
         Called as ``progress("writing", done, total)`` with bytes.
     """
@@ -154,6 +154,6 @@ def _padding(start: int) -> bytes:
     missing = -start % ALIGNMENT
     if missing == 0:
         return b""
-    if missing < 4:  # id and length of the record take four bytes
+    if missing < 4:  # The id and the length of the record take four bytes.
         missing += ALIGNMENT
     return struct.pack("<2H", _PADDING_ID, missing - 4) + bytes(missing - 4)

@@ -1,4 +1,7 @@
-"""Texture coordinates: one cell per face of a triangle soup, or charts by xatlas for a connected mesh."""
+"""This module makes texture coordinates.
+
+A triangle soup gets one texture cell per face. The library xatlas cuts a connected mesh into charts.
+"""
 
 from __future__ import annotations
 
@@ -20,31 +23,30 @@ if TYPE_CHECKING:
 
 # Texture cells of a triangle soup.
 #
-# Number of smaller mip levels in which no texel mixes the colours of two faces. Each further level doubles
-# the margins around faces. Use the first number of levels if faces then keep at least `_MIN_SCALE` times
-# their requested side lengths, otherwise the second number.
+# Number of smaller mip levels in which no texel mixes the colours of two faces. A second level doubles the
+# margins around the faces. If the first number would shrink the faces below `_MIN_SCALE` of their requested
+# side lengths, the second number is used.
 MIP_LEVELS = (2, 1)
 _MIN_SCALE = 0.7
-# Subtract this number of texels from both legs of a face. The shortening exceeds the rounding error of
-# float32 coordinates.
+# Both legs of a face are shortened by this number of texels. Rounding to float32 then cannot move a corner
+# out of its cell.
 _SLACK = 1 / 64
-# Number of bisection steps for the largest scale that fits; 16 steps find this scale to within 2^-15.
+# Number of bisection steps for the largest scale that fits. With 16 steps, the scale is exact to 2^-15.
 _BISECTIONS = 16
-# Largest ratio of the two legs of a face in the texture. A face with a larger ratio would waste texels on its
+# Largest ratio of the two legs of a face in the texture. A narrower face would need too many texels for its
 # margin.
 _MAX_LEG_RATIO = 4.0
 
 # Texture charts of a connected mesh.
 #
-# Time limit of xatlas in seconds. The benchmark meshes need far less time; the limit only ensures that a bake
-# ends.
+# Time limit of xatlas in seconds. The benchmark meshes need far less time.
 _UNWRAP_LIMITS = Limits(seconds=900.0, memory=None)
 # Number of texels between two charts of the texture atlas. A distance of this size keeps texture charts
 # separate in two smaller mip levels.
 _PADDING = 4
 # Texture coordinates are multiples of 1 / 65535, which files store in two bytes without loss.
 _COORDINATE_STEPS = 65535
-# Smallest scale of a chart relative to the median chart; the largest scale is its inverse. Without limits on
+# Smallest scale of a chart relative to the median chart. The largest scale is its inverse. Without limits on
 # the scale, charts that a camera views from very near would fill the whole texture.
 _MIN_CHART_SCALE = 1 / 4
 
@@ -58,7 +60,7 @@ class _Cells(NamedTuple):
 
     # (C, 2) width and height of each cell.
     sides: Ints
-    # (F, 2) the lengths of the legs of each face; 0 for a face that is a point at the centre of a texel.
+    # (F, 2) the lengths of the legs of each face. A face that is only a point has the length 0.
     legs: Ints
     # (F,) the index of the cell that holds each face.
     cell: Ints
@@ -71,9 +73,8 @@ def make_soup_atlas(corners: NDArray[Any], pixels: Floats, size: int) -> Singles
 
     In the texture, each face is a right triangle. The ratio of the triangle's two legs is the ratio of the
     two shorter sides of the face. The triangle's area in texels is the number of pixels that show the face.
-    If the texture is too small, all areas are reduced by the same factor. Faces also stay separate in the
-    first smaller mip levels (`MIP_LEVELS`). A face becomes a point of one colour if no pixel shows the face
-    or if its longer leg is below half a block.
+    If the texture is too small, all areas are reduced by the same factor. A face becomes a point of one
+    colour if no pixel shows the face or if its longer leg is below half a block.
 
     Parameters
     ----------
@@ -90,7 +91,8 @@ def make_soup_atlas(corners: NDArray[Any], pixels: Floats, size: int) -> Singles
     """
     points = corners.astype(np.float64)
     sides = np.linalg.norm(points[:, [1, 2, 0]] - points[:, [2, 0, 1]], axis=2)
-    # The right angle is at the corner across from the longest side, and the longer leg lies along a row.
+    # The right angle is at the corner across from the longest side. The longer leg lies along a row of
+    # texels.
     order = np.argsort(-sides, axis=1, kind="stable")[:, [0, 2, 1]]
     # Legs (F, 2) in texels. The product of the two legs is twice the number of pixels, and their ratio is
     # limited.
@@ -111,9 +113,10 @@ def make_soup_atlas(corners: NDArray[Any], pixels: Floats, size: int) -> Singles
 
 
 def _pack(legs: Floats, blocks: int, block: int) -> tuple[float, _Cells, Ints | None]:
-    """Return the largest scale up to 1 at which legs (F, 2) fit, the cells, and the places (C, 2).
+    """Return the largest possible scale of the faces in the texture, their cells, and the places (C, 2) of
+    the cells.
 
-    The places are None if the cells do not even fit at scale 0.
+    The scale is at most 1. The places are None if no scale fits.
     """
     low, high = 0.0, 2.0
     for _ in range(_BISECTIONS):
@@ -131,7 +134,7 @@ def _pack(legs: Floats, blocks: int, block: int) -> tuple[float, _Cells, Ints | 
 def _make_cells(legs: Floats, block: int) -> _Cells:
     """Return cells for faces with legs (F, 2) in blocks, rounded up to whole blocks.
 
-    Sampling a mip level interpolates between texel centres. Therefore a single face in a texture needs a
+    Sampling a mip level interpolates between texel centres. A single face in a texture therefore needs a
     margin of half a block on all sides. Two faces in one cell need two more blocks between them in each
     direction.
     """
@@ -142,7 +145,7 @@ def _make_cells(legs: Floats, block: int) -> _Cells:
     is_paired = (whole + 3).prod(axis=1) < 2 * (whole + 1).prod(axis=1)
     sides = []
     cell, number, count = np.zeros(len(legs), np.int64), np.zeros(len(legs), np.int64), 0
-    # Single faces and pairs: the mask of the faces, the number of faces per cell, and the margin of a cell in
+    # Describe single faces and pairs: the mask of the faces, the faces per cell, and the margin of a cell in
     # blocks.
     for chosen, per_cell, margin in (
         (is_paired, 2, 3),
@@ -162,7 +165,10 @@ def _make_cells(legs: Floats, block: int) -> _Cells:
 
 
 def _fill_rows(sides: Ints, blocks: int) -> Ints | None:
-    """Place texture cells in rows, the highest first; return the places (C, 2), or None if too many."""
+    """Place texture cells in rows, the highest first.
+
+    Return the places (C, 2) of the cells. Return None if the cells do not fit.
+    """
     order = np.lexsort((-sides[:, 0], -sides[:, 1]))
     width, height = sides[order].T
     ends = np.cumsum(width)
@@ -187,7 +193,7 @@ def _place_corners(cells: _Cells, places: Ints, block: int) -> Floats:
     place, sides = (block * values[cells.cell][:, None] for values in (places, cells.sides))
     legs = block * cells.legs[:, None]
     corners = block / 2 + (legs - _SLACK) * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    # Rotate the second face of a cell by 180 degrees; place faces without size at texel centres.
+    # Rotate the second face of a cell by 180 degrees. Place faces without size at texel centres.
     turned = np.where(cells.number[:, None, None] > 0, sides - corners, corners)
     points = np.stack([cells.number % block, cells.number // block], axis=1)[:, None] + 0.5
     return np.asarray(place + np.where(legs > 0, turned, points))
@@ -237,7 +243,7 @@ def need_xatlas() -> None:
 
 
 def unwrap_in_child(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
-    """Unwrap a mesh for a texture of `word` texels along a side (a `Work` of `msb.base.children`)."""
+    """Unwrap a mesh for a texture of `word` texels along a side, as a `Work` of `msb.base.children`."""
     import xatlas
 
     packing = xatlas.PackOptions()
@@ -273,7 +279,7 @@ def _merge_charts(arrays: Arrays, plane: Floats, faces: Ints, chart: Ints) -> tu
     # Merge corners with the same vertex and the same place in a chart into one vertex of the chart.
     keys = np.column_stack([np.repeat(face_chart, 3), whole.reshape(-1), corners.reshape(-1, 2)])
     rows, joined = np.unique(keys, axis=0, return_inverse=True)
-    # Number the charts without gaps.
+    # Renumber the charts consecutively.
     numbers = np.unique(rows[:, 0], return_inverse=True)[1]
     return (
         np.ascontiguousarray(rows[:, 2:]),
@@ -292,7 +298,7 @@ def _cut_charts(vertices: Singles, faces: NDArray[np.uint32]) -> tuple[Floats, I
         used, local = np.unique(faces[block], return_inverse=True)
         cut.add_mesh(vertices[used], local.reshape(-1, 3).astype(np.uint32))
     cut.generate()
-    # Join the blocks again; number the vertices one block after the other.
+    # Join the blocks again. Number the vertices one block after the other.
     joined = np.zeros(faces.shape, np.int64)
     places: list[Floats] = []
     charts: list[Ints] = []
@@ -304,8 +310,8 @@ def _cut_charts(vertices: Singles, faces: NDArray[np.uint32]) -> tuple[Floats, I
         places.append(uv.astype(np.float64) * (cut.width, cut.height))
         charts.append(np.asarray(cut.get_mesh_vertex_assignment(number)[1]).astype(np.int64))
     chart = np.concatenate(charts)
-    # xatlas assigns faces without an area to no chart; their chart number is huge. Faces without an area are
-    # invisible, so assign them to any chart.
+    # xatlas assigns faces without an area to no chart. These charts get a huge chart number. Faces without an
+    # area are invisible, so any chart is suitable.
     chart[chart >= cut.chart_count] = 0
     return np.concatenate(places), joined, chart
 

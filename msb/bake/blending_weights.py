@@ -1,4 +1,4 @@
-"""How much each face contributes to native renderings, and how many pixels show each face of a mesh."""
+"""This module measures the blending weight of each face and the number of pixels that show each face."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace

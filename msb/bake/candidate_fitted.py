@@ -31,12 +31,11 @@ _STEP_LENGTHS = 0.015, 0.0005
 # the size of the images.
 PIXELS_TO_MOVE = 1 << 18
 # If a method has no static colours, the colours vary within each face. Faces with varying colours are cut
-# into four, unless the new number of faces would exceed this limit or the face budget. With more faces, each
-# face would cover too few pixels of the images.
+# into four faces. Faces stay whole if the new number of faces would exceed this limit or the face budget.
+# With more faces, each face would cover too few pixels of the images.
 _MAX_QUARTERED = 20_000
-# The default face budget is one face per 2.5 pixels of the model, counted in an average view or in the
-# smaller images that move faces. With smaller faces, the faces follow the pixel grid of the training images,
-# and the PSNR of other views falls.
+# The default face budget is one face per 2.5 pixels that the model covers in an average view. With smaller
+# faces, the faces follow the pixel grid of the training images, and the PSNR of other views falls.
 _PIXELS_PER_FACE = 2.5
 # If the budget allows more faces, the largest faces are halved until there is one piece per 5.5 pixels of a
 # view. Further halving of faces reduces the PSNR.
@@ -57,7 +56,7 @@ def make_fitted(
 ) -> tuple[Mesh, list[str]]:
     """Return an opaque soup made of the triangles of `asset`, with corner colours, and notes for the user.
 
-    Triangles are pruned by their blending weights. The pruned triangles are moved, hidden and shown until
+    Triangles are pruned by their blending weights. The remaining triangles are moved, hidden and shown until
     they match the training images. The validation images decide which state is best. Without a limit of
     `seconds`, repeated fits on one device give equal results.
 
@@ -69,8 +68,8 @@ def make_fitted(
     faces : int, optional
         The face budget.
     pixels : int, optional
-        The number of pixels of a view. Without `faces`, the face budget is the number of triangles that show
-        the model. Large faces are halved if the budget allows more faces.
+        The number of pixels of a view. Without `faces`, the face budget is the number of triangles that
+        contribute to the images. Large faces are halved if the budget allows more faces.
 
     Raises
     ------
@@ -84,7 +83,7 @@ def make_fitted(
         best = BestState(validation)
         prune_faces(soup, asset, renderer, best, weights)
         soup = best.soup
-        # The average number of pixels (F,) that show each selected face, and the share of the view that all
+        # Compute the average number of pixels (F,) of each selected face, and the share of the view that all
         # faces cover.
         face_pixels = count_pixels(soup.refit_colors(renderer))[soup.selected] / len(renderer.images)
         covered = face_pixels.sum() / renderer.pixels_per_face(1)
@@ -109,7 +108,7 @@ def make_fitted(
             average = renderer.pixels_per_face(soup.selected_count)
             text = f"{soup.selected_count:,} triangles have {average:.1f} pixels each in an average view"
             return soup.to_mesh(), [
-                f"{text}, which is too few to move them; they were only selected and coloured"
+                f"{text}, which is too few to move triangles; they were only selected and coloured"
             ]
         for _ in range(_HIDING_ROUNDS):
             toggle_faces(soup, renderer, random, show=False)
@@ -128,8 +127,8 @@ def make_fitted(
 def _plan_halving(pixels: Floats, most: int) -> Ints:
     """Return how often to halve each face (F,), so that there are at most `most` pieces.
 
-    `pixels` (F,) is the number of pixels that a face covers. All pieces cover about the same number of
-    pixels, at least `FINE_PIXELS`.
+    The argument `pixels` (F,) is the number of pixels that a face covers. All pieces cover about the same
+    number of pixels, at least `FINE_PIXELS`.
     """
     times = np.zeros(len(pixels), np.int64)
     piece = FINE_PIXELS

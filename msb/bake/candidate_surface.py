@@ -38,8 +38,8 @@ from msb.errors import AssetError
 from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
 
-# Default face budget of an object. With a budget of this size, the demo surfaces are at most 0.9 dB worse
-# than native renderings, compared with photographs.
+# Default face budget of an object. With this budget, the PSNR of the demo surfaces to photographs is at most
+# 0.9 dB below native renderings.
 OBJECT_FACES = 8_000
 # Smallest and largest default face budget of a scene. Between these two limits, the face budget is one face
 # per 2 pixels of a view. A larger face budget makes each step slower.
@@ -48,28 +48,29 @@ _PIXELS_PER_FACE = 2
 # Number of cells along the longest side of the first grid. Grids with half and twice as many cells are tried
 # as well.
 CELLS = 144
-# The coarsest tried grid has this number of cells along its longest side: 144 halved three times.
+# The coarsest grid has 144 / 8 cells along its longest side.
 _MIN_CELLS = 18
-# A grid of 288 cells per side is only tried if 144 cells have less than 75 % of the error of 72 cells. For
-# other soups, the finer grid follows the noise of the soup, and moving vertices does not remove this noise.
-# With an uneven soup, a grid of 288 cells lost up to 8 dB. Grids that pass the test gain up to 1.4 dB.
+# A grid of 288 cells per side is tried if the error with 144 cells is below 75 % of the error with 72 cells.
+# Without this condition, a finer grid would follow the noise of the soup. Moving vertices does not remove
+# this noise. With an uneven soup, a grid of 288 cells lost up to 8 dB. Grids below this error ratio gain up
+# to 1.4 dB.
 _MAX_ERROR_RATIO = 0.75
 # If the time limit for moving vertices is below this value, only one grid is tried. For a scene, further
 # grids would take many times as long.
 _MIN_SECONDS_TO_COMPARE = 2.0
 # A note is printed if the face count differs from the budget by more than this factor.
 _BUDGET_TOLERANCE = 1.25
-# Up to this face budget, a reduction in two steps is tried as well, because it preserves thin parts. With a
-# larger budget the reduction in two steps is rarely better.
+# Up to this face budget, a reduction in two steps is also tried, because two steps preserve thin parts. With
+# a larger budget the reduction in two steps is rarely better.
 _TWO_STEP_FACES = 4_000
-# The error of a state is multiplied by this power of its bending, relative to the start of the search. So a
-# surface with 10 % more bending must have a PSNR gain of 0.2 dB.
+# The error of a search state is multiplied by this power of its bending, divided by the bending at the start.
+# Therefore a surface with 10 % more bending must have a PSNR gain of 0.2 dB.
 _BENDING_POWER = 0.5
-# For a surface from a model's own depths: rounds of smoothing before faces are removed, and number of steps
-# that move the vertices. Fairing and more steps cost detail, such as the features of a face, and up to 0.4
-# dB.
+# These values apply to a surface from a model's own depths. The values are the rounds of smoothing before the
+# face reduction, and the steps that move the vertices. Fairing and more steps cost detail, such as the
+# features of a face, and up to 0.4 dB.
 _SMOOTH_TURNS, _OWN_DEPTH_STEPS = 10, 1
-# A part that covers less than this share of the pixels of all views is a speck and is removed.
+# A part is removed as a speck if it covers less than this share of the pixels of all views.
 MIN_PART_SHARE = 1e-4
 
 
@@ -84,7 +85,7 @@ class ClosedSurface(NamedTuple):
 class ReducedSurface(NamedTuple):
     """A closed surface with about `budget` faces, reduced from `original_faces` faces.
 
-    `error` is the validation error of the surface with the best vertex colours.
+    The field `error` is the validation error of the surface with the best vertex colours.
     """
 
     surface: ClosedSurface
@@ -104,9 +105,9 @@ def make_surface(
     """Return a closed, manifold, consistently wound mesh that looks like `model`, and notes for the user.
 
     The model is an opaque soup, or Gaussians. The depths of the model in the training views define a solid.
-    The boundary of the solid is reduced to about `faces` faces. By default, the surface has as many faces as
-    views of `pixels` pixels can show. The vertices are then moved for at most `seconds`, and the state with
-    the smallest validation error is kept. The resulting mesh has vertex colours.
+    The boundary of the solid is reduced to about `faces` faces. The default number of faces follows from the
+    number of `pixels` of a view. The vertices are then moved for at most `seconds`, and the state with the
+    smallest validation error is kept. The resulting mesh has vertex colours.
 
     An object is enclosed from outside. A scene is enclosed from inside: its faces look inwards, and a distant
     shell shows the sky.
@@ -133,7 +134,7 @@ def make_surface(
 
 
 def _choose_grid(reduce_grid: Callable[[int], ReducedSurface]) -> ReducedSurface:
-    """Make surfaces with several grid sizes; return the one with the smallest validation error.
+    """Make surfaces with several grid sizes. Return the surface with the smallest validation error.
 
     A coarse grid is better for a soup that only few views show. A fine grid suits thin parts such as leaves.
     """
@@ -158,8 +159,8 @@ def enclose(
 ) -> ClosedSurface:
     """Return the closed surface around the visible parts of a soup, or of Gaussians.
 
-    `cells` is the number of cells along the longest side, for an object and for a scene. `margin` is the
-    distance in cells between an object and the planes that close its unseen sides.
+    The argument `cells` is the number of cells along the longest side, for an object and for a scene. The
+    argument `margin` is the distance in cells between an object and the planes that close its unseen sides.
 
     Raises
     ------
@@ -295,7 +296,7 @@ def _fit_surface(
 
 
 def _make_shape_weight(points: Floats, faces: Ints, space: Space) -> Callable[[Soup], float]:
-    """Return a function that weighs the error of a state: more bending than at the start costs error.
+    """Return a function that computes a factor for the error of a state. More bending increases the factor.
 
     Without a factor for bending, a fraction of a dB would bring back dents (see `_BENDING_POWER`).
     """
@@ -312,12 +313,12 @@ def _make_shape_weight(points: Floats, faces: Ints, space: Space) -> Callable[[S
 
 
 def _reduce(surface: ClosedSurface, budget: int, context: SearchContext) -> ReducedSurface:
-    """Make two or three surfaces with about `budget` faces and without crossing faces; return the best.
+    """Make two or three surfaces with about `budget` faces and without crossing faces.
 
-    In the first surface, unseen parts are made coarse before the reduction. The second surface is best unless
-    coarse parts cut through visible parts of the surface. In the second surface, unseen parts are not made
-    coarse. With a small budget, a third surface is reduced to twice as many faces, its thin parts are
-    repaired, and it is reduced again.
+    Return the best surface. In the first surface, unseen parts are made coarse before the reduction. The
+    second surface is best unless coarse parts cut through visible parts of the surface. In the second
+    surface, unseen parts are not made coarse. With a small budget, a third surface is made. The third surface
+    is reduced to twice as many faces, its thin parts are repaired, and it is reduced again.
     """
     budget, original_faces = max(budget, MIN_CLOSED_FACES), len(surface.faces)
     cameras, space = context.training.cameras, surface.space
@@ -345,7 +346,10 @@ def _reduce_uncrossed(surface: ClosedSurface, count: int, context: SearchContext
 
 
 def _measure_validation_error(surface: ClosedSurface, context: SearchContext) -> float:
-    """Return the validation error of a surface with the best vertex colours; infinity without faces."""
+    """Return the validation error of a surface with the best vertex colours.
+
+    Without faces, the error is infinity.
+    """
     if not len(surface.faces):
         return math.inf
     soup = Soup.from_mesh(_to_mesh(surface), share_colors=True)
@@ -355,7 +359,7 @@ def _measure_validation_error(surface: ClosedSurface, context: SearchContext) ->
 
 
 def _move_vertices(mesh: Mesh, soup: Soup) -> Mesh:
-    """Return `mesh` with its vertices at the corners of `soup`."""
+    """Return `mesh` with its vertices moved to the corners of `soup`."""
     vertices = mesh.vertices.copy()
     vertices[mesh.faces.reshape(-1)] = soup.corners.reshape(-1, 3)
     return Mesh(vertices, mesh.faces)

@@ -19,16 +19,16 @@ from msb.topology.faces import face_vectors
 
 # Charts with fewer faces than this are merged into larger charts.
 MIN_CHART_FACES = 50
-# An unfolded corner is moved to the place of the same vertex in the chart if their distance is below this
-# share of the shared edge. An unfolded corner at a larger distance becomes a seam.
+# An unfolded corner may lie near the place of the same vertex in the chart. The corner moves to this place if
+# the distance is below this share of the shared edge. An unfolded corner at a larger distance becomes a seam.
 _SNAP = 0.3
-# Heights of an unfolded face above the shared edge that are tried, relative to its true height. The last
+# An unfolded face is tried with these heights above the shared edge, relative to its true height. The last
 # heights in the list are for faces in a gap of a chart, where the surface has a spike.
 _HEIGHTS = (1.0, 0.8, 0.6, 0.3, 0.1)
-# Faces are shrunk to this size about their centres for overlap tests, so that faces with a shared edge do not
+# For overlap tests, each face is shrunk to this size about its centre. Faces with a shared edge then do not
 # overlap.
 _SHRINK = 0.97
-# Smallest and largest ratio of the area of a face in the plane to its area on the surface, relative to the
+# Limits of the area of a face in the plane, divided by its area on the surface. The ratio is relative to the
 # average of all charts.
 _STRETCH = 0.05, 2.0
 
@@ -60,7 +60,7 @@ class _Merging:
     def __init__(self, points: Floats, faces: Ints, plane: Floats, chart: Ints, area: Floats) -> None:
         self.plane, self.chart = plane, chart
         self._points, self._faces, self._area = points, faces, area
-        # Orientation of a face in its chart, because xatlas may mirror a whole chart.
+        # The orientation of a face in its chart is stored, because xatlas may mirror a whole chart.
         self._sign = np.sign(_signed_areas(plane))
         sides = np.linalg.norm(plane - np.roll(plane, 1, axis=1), axis=2)
         self._cell = float(max(np.median(sides), 1e-12)) * 2
@@ -85,7 +85,7 @@ class _Merging:
             self._grow(hosts, free)
 
     def _grow(self, hosts: list[int], free: set[int]) -> None:
-        """Move free faces into the charts of the placed faces `hosts`; moved faces are no longer free."""
+        """Move free faces into the charts of the placed faces `hosts`. Moved faces are no longer free."""
         for face in hosts:
             self._register(face)
         queue: list[tuple[float, int, int]] = []
@@ -110,7 +110,7 @@ class _Merging:
         return [(min(pair), max(pair)) for pair in ((a, b), (b, c), (c, a))]
 
     def _unfold(self, face: int, host: int) -> bool:
-        """Place a face next to `host`, about their common edge; return whether the face fits."""
+        """Place a face next to `host`, about their common edge. Return whether the face fits."""
         ours, theirs = self._faces[face].tolist(), self._faces[host].tolist()
         edge = [vertex for vertex in ours if vertex in theirs]
         if len(edge) != 2:
@@ -123,7 +123,8 @@ class _Merging:
         square = float(side @ side)
         if square == 0:
             return False
-        # Coordinates of c relative to the edge: x along the edge, y across it, on the side away from `host`.
+        # Compute the coordinates of c relative to the edge. The x axis lies along the edge, and the y axis
+        # points away from `host`.
         x = float(away @ side) / square
         y = float(np.sqrt(max(away @ away / square - x * x, 0)))
         across = np.array([-along[1], along[0]])

@@ -25,23 +25,23 @@ if TYPE_CHECKING:
 
 # Extraction.
 #
-# Smallest absolute vote of a cell; a vote of 1 means a distance of 3 cells. If a cell had the vote 0, all
+# Smallest absolute vote of a cell. A vote of 1 means a distance of 3 cells. If a cell had the vote 0, all
 # surface points around the cell would coincide, and their faces would have no area.
 _MIN_VOTE = 0.002
 
 # Parameters of the face reduction.
 #
 # Growth of the allowed error per pass of the edge collapse: the parameter `agg` of fast_simplification. The
-# first growth gives better meshes, but may exceed the face budget. The second growth is the default of
+# value 5 gives better meshes, but may exceed the face budget. The value 7 is the default of
 # fast_simplification.
 _AGGRESSIVENESS, _HIGH_AGGRESSIVENESS = 5, 7
-# Two vertices are merged if the number of pixels that they cover together is below both limits. The first
-# limit is in pixels of an average view. The second limit is relative to the pixels of an average vertex after
-# the reduction. With these limits on merging, unseen parts of a walled scene have 10 % of the faces instead
-# of 43 %, and PSNR rises by 0.3 dB.
+# Two vertices are merged if the number of pixels that they cover together is below both limits. The limit
+# `_MAX_MERGED_PIXELS` is in pixels of an average view. The limit `_MAX_MERGED_SHARE` is relative to the
+# pixels of an average vertex after the reduction. With these limits, unseen parts of a walled scene have 10 %
+# of the faces instead of 43 %, and PSNR rises by 0.3 dB.
 _MAX_MERGED_PIXELS, _MAX_MERGED_SHARE = 2.0, 0.1
-# The merges use the edge collapses of a reduction to this share of the face budget. Unseen parts therefore do
-# not become coarser than in a reduction to this share.
+# Vertices are only merged along edges that a reduction to this share of the face budget collapses. This limit
+# prevents unseen parts from becoming too coarse.
 _COARSEST_SHARE = 1 / 8
 # A surface is first reduced to this multiple of the face budget. All variants of the further reduction start
 # from this shared surface. The shared first reduction saves a fifth of the time and loses no detail that a
@@ -56,25 +56,28 @@ _MIDDLE_RADIUS = 0.3
 # A face is a sliver if its area, relative to the median area, is below this limit. Other libraries drop such
 # slivers.
 _SLIVER_AREA = 1e-3
-# Largest number of rounds of a surface repair. If a round leaves open faces, the repair removes them and
-# starts again.
+# Largest number of rounds of a surface repair. If a round leaves open faces, the repair removes these faces
+# and starts again.
 _REPAIR_ROUNDS = 5
 # Largest number of rounds of smoothing the corners of crossing faces. After every `_WIDEN_ROUNDS` rounds, one
 # more ring of neighbours is smoothed as well.
 _SMOOTH_ROUNDS, _WIDEN_ROUNDS = 32, 8
-# Largest number of rounds that move corners of crossing faces back to earlier places. If faces still cross
-# after the last round, all corners are moved back. Several rounds are needed, because moving corners back can
-# make other faces cross.
+# A repair of crossing faces moves their corners back to earlier places in at most this number of rounds. If
+# faces still cross after the last round, all corners are moved back. Several rounds are needed, because
+# moving corners back can make other faces cross.
 _REVERT_ROUNDS = 60
 # Largest number of rounds that cut out faces that still cross and close the holes.
 _CUT_ROUNDS = 6
-# If two vertices coincide, one of them moves by this share of the way to the average centre of its faces. A
+# If two vertices coincide, one vertex moves by this share of the way to the average centre of its faces. A
 # move of this size is invisible, but larger than the rounding error of float32.
 _SEPARATION = 1e-3
 
 
 def extract_boundary(values: Singles, grid: Grid, outside: float) -> tuple[Floats, Ints]:
-    """Return the boundary (V, 3), (F, 3) of negative cells; `outside` is the vote beyond the grid."""
+    """Return the boundary between negative and positive cells, as points (V, 3) and faces (F, 3).
+
+    Beyond the grid, every cell has the vote `outside`.
+    """
     from skimage.measure import marching_cubes
 
     padded = np.pad(values, 1, constant_values=outside)
@@ -84,7 +87,7 @@ def extract_boundary(values: Singles, grid: Grid, outside: float) -> tuple[Float
 
 
 def label_parts(points: Floats | Singles, faces: Ints) -> NDArray[np.int32]:
-    """Return the number (F,) of the part that each face belongs to; different parts share no vertex."""
+    """Return the number (F,) of the part that each face belongs to. Different parts share no vertex."""
     _, label = label_components(len(points), faces[:, :2].reshape(-1), faces[:, 1:].reshape(-1))
     return label[faces[:, 0]]
 
@@ -92,7 +95,7 @@ def label_parts(points: Floats | Singles, faces: Ints) -> NDArray[np.int32]:
 def select_visible_parts(points: Floats, faces: Ints, pixels: Ints, least: float) -> Mask:
     """Return a mask (F,) of the most visible part and all parts that `least` pixels show.
 
-    `pixels` (F,) is the number of pixels that show each face.
+    The argument `pixels` (F,) is the number of pixels that show each face.
     """
     label = label_parts(points, faces)
     part_pixels = np.bincount(label, weights=pixels)
@@ -101,7 +104,10 @@ def select_visible_parts(points: Floats, faces: Ints, pixels: Ints, least: float
 
 
 def drop_unused_points(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Return the points that faces use, in their previous order, and the renumbered faces."""
+    """Return the points that faces use, in their previous order.
+
+    Also return the faces with the new point numbers.
+    """
     used = np.zeros(len(points), bool)
     used[faces] = True
     return points[used], (np.cumsum(used) - 1)[faces]
@@ -119,7 +125,7 @@ def reduce_faces(points: Floats, faces: Ints, count: int, space: Space) -> tuple
 
 
 def remove_detail(points: Floats, faces: Ints, count: int, space: Space) -> tuple[Floats, Ints]:
-    """Remove detail that `count` faces cannot show, which saves time in later steps; return the surface."""
+    """Remove detail that `count` faces cannot show, which saves time in later steps. Return the surface."""
     return _reduce(points, faces, _DETAIL_FACTOR * count, space, _AGGRESSIVENESS)
 
 
@@ -138,13 +144,13 @@ def coarsen_unseen(
 ) -> tuple[Floats, Ints]:
     """Merge the vertices of hardly visible parts, so that these parts use few of the `count` faces.
 
-    `pixels` (F,) is the number of pixels of an average view that show each face. Vertices are merged along
-    edges that a reduction by quadric error also collapses, so that the surface keeps its shape. After
-    merging, more than two faces may meet at an edge.
+    The argument `pixels` (F,) is the number of pixels of an average view that show each face. Vertices are
+    merged along edges that a reduction by quadric error also collapses, so that the surface keeps its shape.
+    After merging, more than two faces may meet at an edge.
     """
     if len(faces) <= count:
         return points, faces
-    # Edges (n, 2) in the order of their collapse: the vertex that stays, then the vertex that is removed.
+    # Collapsed edges (n, 2) in order. Each edge names the vertex that stays and the vertex that is removed.
     placed = _to_logarithm(points) if space.contracted else points
     target = max(int(count * _COARSEST_SHARE), MIN_CLOSED_FACES)
     *_, collapses = _collapse_edges(placed, faces, target, _AGGRESSIVENESS)
@@ -158,7 +164,7 @@ def coarsen_unseen(
         together = covered[stays] + covered[goes]
         if together < most:
             covered[stays], into[goes] = together, stays
-        else:  # Also skip later collapses that build on a skipped collapse.
+        else:  # Skip later collapses that build on this collapse.
             covered[stays] = covered[goes] = math.inf
     # Replace each vertex by the last vertex of its chain of merges.
     merged = np.array(into)
@@ -170,7 +176,7 @@ def coarsen_unseen(
 def _collapse_edges(
     points: Floats, faces: Ints, count: int, aggressiveness: int
 ) -> tuple[Floats, Ints, NDArray[np.int32]]:
-    """Reduce the surface to about `count` faces; also return the collapsed edges (n, 2) in their order.
+    """Reduce the surface to about `count` faces. Also return the collapsed edges (n, 2) in their order.
 
     An edge is a pair of vertex numbers: the vertex that stays and the vertex that is removed.
     """
@@ -231,7 +237,7 @@ def _drop_flaps(faces: Ints) -> Ints:
 
 
 def _close_holes(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Return the surface with its holes closed; a fan around the average of the rim closes each hole."""
+    """Return the surface with its holes closed. A fan around the average of the rim closes each hole."""
     change = close(points, faces, most_edges=1 << 30, most_share=1.0)
     is_new = change.vertex_map < 0
     placed = points[change.vertex_map]
@@ -301,9 +307,9 @@ def _find_slivers(points: Floats, faces: Ints) -> Ints:
 
 
 def revert_crossings(points: Floats, good: Floats, faces: Ints, space: Space) -> Floats:
-    """Move corners of crossing faces back to `good` (V, 3); return the points (V, 3).
+    """Move the corners of crossing faces back to their places in `good` (V, 3). Return the points (V, 3).
 
-    Only faces that also cross with the points `good` still cross in the result.
+    In the result, two faces only cross if they also cross in `good`.
     """
     points = points.copy()
     moved = np.ones(len(points), bool)
@@ -327,8 +333,8 @@ def find_crossing_faces(points: Floats, faces: Ints, space: Space, moved: Mask |
     if not space.contracted:
         return np.unique(find_crossing_pairs(corners, of=tested))
     # Boxes in the contracted coordinates find candidate pairs of crossing faces. A face that is flat in the
-    # world is bent in contracted coordinates, so its box contains its corners, edge midpoints and centre: (F,
-    # 7, 3).
+    # world is bent in contracted coordinates. Therefore the box of a face contains the face's corners, edge
+    # midpoints and centre (F, 7, 3).
     more = [(corners + np.roll(corners, 1, axis=1)) / 2, corners.mean(axis=1, keepdims=True)]
     bent = np.concatenate([corners, *more], axis=1)
     places = space.from_world(bent.reshape(-1, 3)).reshape(bent.shape)
@@ -347,8 +353,8 @@ def make_neighbour_average(faces: Ints, count: int) -> csr_matrix:
 def separate_vertices(mesh: Mesh) -> Mesh:
     """Return `mesh` with no two vertices at one place.
 
-    Files store the vertices of a seam twice, and readers merge all vertices with equal coordinates. Only the
-    first vertex at a place stays; every further vertex moves slightly towards the average centre of its
+    Files store the vertices of a seam twice, and readers merge all vertices with equal coordinates. The first
+    vertex at a place stays. Every other vertex at this place moves slightly towards the average centre of its
     faces.
     """
     vertices, corners = mesh.vertices.copy(), mesh.faces.reshape(-1)

@@ -3,8 +3,7 @@
 A collision shape is made of a closed surface: the mesh itself, or an enclosure of the visible parts of an
 open mesh. For an object, the closed surface is reduced to fewer faces, or CoACD cuts it into convex parts.
 For a scene, the collision shape is a thin sheet behind the visible surface. If there is no closed surface,
-convex hulls of patches of the mesh are used. So a collision shape of some kind can always be made.
-`Collision.kind` says which kind was made.
+convex hulls of patches of the mesh are used. `Collision.kind` names the kind of the result.
 """
 
 from collections.abc import Sequence
@@ -34,16 +33,14 @@ from msb.topology.faces import signed_volume
 from msb.topology.hulls import HULL_CORNERS
 from msb.topology.weld import weld_vertices
 
-# All lengths are relative to the diagonal of the bounding box of the visible surface, unless another unit is
-# named.
+# All lengths are relative to the diagonal of the bounding box of the visible surface.
 
 # Default time limit of CoACD in seconds. CoACD can run for minutes, and does not end for some surfaces.
 SECONDS = 20.0
-# A part of a shape protrudes if its distance from the visible surface exceeds this value. For comparison, 95
-# % of the points of a surface with 1,000 faces are within 0.01 of the original surface.
+# A part of a shape protrudes if its distance from the visible surface exceeds this value.
 PROTRUSION = 0.02
-# Unseen sides of an enclosure move to this distance from the mesh if their distance is at most twice
-# `PROTRUSION`. Sides that were moved do not count as protruding.
+# An unseen side of an enclosure moves to this distance from the mesh. Only sides within `2 * PROTRUSION` of
+# the mesh are moved. These sides do not count as protruding.
 _NEAR = PROTRUSION / 2
 
 # Parameters of the enclosure of an open mesh.
@@ -51,8 +48,8 @@ _NEAR = PROTRUSION / 2
 # Number of pixels of the largest depth map. With larger depth maps the enclosure would reach into every
 # crack.
 PIXELS = 1 << 16
-# Number of grid cells along the longest side, for an object and for a scene. The last of these numbers is the
-# margin around an object, in grid cells. With fewer grid cells, the sheet of a scene has ragged rims.
+# Number of grid cells along the longest side, for an object and for a scene. `_MARGIN` is the margin around
+# an object in grid cells. With fewer grid cells, the sheet of a scene has ragged rims.
 _CELLS, _MARGIN = (96, 224), 1.0
 # Radius, in a scene's coordinates, beyond which everything counts as sky. The sky radius is ten times the
 # near radius in world coordinates.
@@ -60,20 +57,20 @@ _SKY_RADIUS = 1.9
 
 # Shapes.
 #
-# Share of a sheet's faces on its visible side, and thickness of the sheet in near radii. The remaining faces
-# form the back and the rims of the sheet.
+# The first value is the share of a sheet's faces on the visible side. The second value is the thickness of
+# the sheet in near radii. The remaining faces form the back and the rims of the sheet.
 _FRONT_SHARE, _SHEET_THICKNESS = 0.45, 0.02
 # A surface is first simplified to this multiple of its face budget, then to the budget. Simplification in a
 # single step would give a far worse shape.
 _FIRST_STEP_FACTOR = 8
-# Largest number of hulls of surface patches; it limits the time to cut the patches.
+# Largest number of hulls of surface patches. The number limits the time to cut the patches.
 _MAX_HULLS = 256
 # A convex part covers all points within this distance.
 _TOUCH_DISTANCE = 1e-3
-# A closed surface is simplified to this number of faces before CoACD, whose time grows with the number.
+# A closed surface is simplified to this number of faces before CoACD, because CoACD is slow for many faces.
 _COACD_FACES = 2000
-# Two parameters of CoACD: the number of sample points on a surface, and the number of trials per cut. Both
-# values are below the defaults of CoACD, 2000 and 150, so that CoACD finishes in time.
+# Two parameters of CoACD: the number of sample points on a surface, and the number of trials per cut. The
+# values are below CoACD's defaults of 2000 and 150, so that CoACD finishes in time.
 _COACD_SAMPLES, _COACD_TRIALS = 1000, 60
 _TINY = np.finfo(np.float64).tiny
 
@@ -85,9 +82,8 @@ class Collision:
     Attributes
     ----------
     mesh : Mesh
-        Closed and consistently wound float32 mesh without colours. Hulls and boxes are wound outwards; a mesh
-        keeps the winding of the visible surface. The faces of each hull follow the faces of the previous
-        hull.
+        Closed and consistently wound float32 mesh without colours. Hulls and boxes are wound outwards. A mesh
+        keeps the winding of the visible surface. The faces are sorted by hull.
     kind : {"mesh", "hulls", "box"}
         The kind that was made, which may differ from the requested one.
     parts : int
@@ -96,8 +92,7 @@ class Collision:
         Average distance from the visible surface to the shape, as a share of the diagonal. The visible
         surface is the part of the mesh that the cameras see, or the whole mesh if there are no cameras.
     mid_air_share : float
-        Share of the exposed area of the shape that protrudes, which means that it is farther than 2 % of the
-        diagonal from the mesh.
+        Share of the shape's exposed area that is farther than 2 % of the diagonal from the mesh.
     why : str
         The reason if the kind differs from the requested one, else empty.
     """
@@ -129,8 +124,8 @@ def make_collision(
     kind : str
         "mesh:N": a surface of about N faces. "hulls:N": up to N convex parts, which CoACD cuts the solid
         into. "box": one box, rotated so that its volume is small. If neither the mesh nor its enclosure is
-        closed, hulls are made instead of a mesh. Hulls of surface patches are used for a scene, and if CoACD
-        does not finish.
+        closed, hulls are made instead of a mesh. A scene gets hulls of surface patches. Other meshes also get
+        hulls of patches if CoACD does not finish.
     cameras : sequence of Camera
         The parts of an open mesh that these cameras see are enclosed. A surface of a scene has most of its
         faces near the cameras.
@@ -166,7 +161,6 @@ def make_collision(
         enclosure = (enclosure - middle) / size
         if space is not None and not space.contracted:
             enclosure = _pull_nearer(enclosure, *surface)
-        # An enclosure is far thicker than a thin sheet, so it is not used for a sheet.
         if len(around) and measure_distances(samples, enclosure, around).mean() < PROTRUSION / 2:
             solid = enclosure, around
     actual_kind, parts, why = _make_parts(requested, count, surface, solid, space, seconds)
@@ -191,10 +185,11 @@ def _make_parts(
     space: Space | None,
     seconds: float,
 ) -> tuple[CollisionKind, list[PointsAndFaces], str]:
-    """Return the kind and the parts of a shape, and the reason if the kind differs from the requested kind.
+    """Return the kind and the parts of a shape.
 
-    `surface` is the visible mesh. `solid` is the closed surface of the mesh, or None if it has none. `space`
-    is None if no camera sees the mesh.
+    If the kind differs from the requested kind, also return the reason. The argument `surface` is the visible
+    mesh. The argument `solid` is the closed surface of the mesh, or None. The argument `space` is None if no
+    camera sees the mesh.
     """
     if requested == "box":
         return "box", [fit_box(surface[0])], ""
@@ -243,11 +238,11 @@ def _find_visible(
 
 
 def _normalize(mesh: Mesh, visible: Floats) -> tuple[Floats, Ints, Floats, float]:
-    """Return the points and faces of the mesh relative to an origin and a unit, the origin, and the unit.
+    """Return the points and faces of the mesh relative to an origin, in a unit of length.
 
-    The origin is the centre of the visible points (n, 3), and the unit is the diagonal of their box. Without
-    visible points all points of the mesh are used. In an open mesh, vertices at one place are merged, because
-    they may be doubled for colours only.
+    Also return the origin and the unit. The origin is the centre of the visible points (n, 3). The unit is
+    the diagonal of their bounding box. Without visible points all points of the mesh are used. In an open
+    mesh, vertices with equal positions are merged, because they may only differ in colour.
     """
     if not len(mesh.faces):
         raise MeshError("MESH_ARRAY", "the mesh has no faces, so no collision shape can be made")
@@ -268,7 +263,10 @@ def _normalize(mesh: Mesh, visible: Floats) -> tuple[Floats, Ints, Floats, float
 
 
 def _enclose(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> PointsAndFaces:
-    """Return the enclosure of the visible parts of a mesh in world coordinates; it may be empty."""
+    """Return the enclosure of the visible parts of a mesh in world coordinates.
+
+    The enclosure may have no faces.
+    """
     need_enclosure()
     try:
         points, faces, space = enclose(mesh, cameras, _CELLS, _MARGIN, device=device)
@@ -280,7 +278,7 @@ def _enclose(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None)
 def _pull_nearer(points: Floats, seen: Floats, faces: Ints) -> Floats:
     """Return the points of an enclosure after moving slightly protruding points towards the mesh.
 
-    Points protrude where unseen sides are closed flat, for example below a plate with a rim.
+    Flat closed areas of unseen sides protrude, for example below a plate with a rim.
     """
     from scipy.spatial import cKDTree
 
@@ -296,8 +294,8 @@ def _reduce(solid: PointsAndFaces, count: int) -> PointsAndFaces:
     """Reduce a surface to about `count` faces, or to more faces if the shape would be destroyed."""
     finer = simplify(*solid, _FIRST_STEP_FACTOR * count)
     reduced = simplify(*finer, count)
-    # If the library cannot reach the requested count, it removes whole sides. Allow twice the requested
-    # number of faces in that case.
+    # If the library cannot reach the requested count, the library removes whole sides. In that case, allow
+    # twice the number of faces.
     while count < len(reduced[1]) < len(finer[1]):
         if measure_distances(sample_surface(*finer)[0], *reduced).mean() <= PROTRUSION:
             break
@@ -309,8 +307,7 @@ def _reduce(solid: PointsAndFaces, count: int) -> PointsAndFaces:
 def _reduce_scene(surface: PointsAndFaces, count: int, space: Space) -> PointsAndFaces:
     """Reduce a surface to about `count` faces, most of them near the cameras.
 
-    For faces beyond the near radius, the distance from the middle is replaced by its square root before
-    errors are measured.
+    For the reduction, distances from the middle are replaced by their square roots beyond the near radius.
     """
     offset = (surface[0] - space.center) / space.radius
     inside, faces = _reduce((offset / np.sqrt(_measure_far_factor(offset)), surface[1]), count)
@@ -328,7 +325,7 @@ def _drop_sky(solid: PointsAndFaces, seen: PointsAndFaces, space: Space) -> Poin
 def _make_sheet(patch: PointsAndFaces, count: int, space: Space) -> PointsAndFaces:
     """Return a closed sheet of about `count` faces: a visible side, a back side, and rims."""
     points, faces = _reduce_scene(patch, max(1, int(_FRONT_SHARE * count)), space)
-    # Vertex normals (V, 3) are weighted by area; the back side lies at a distance along them.
+    # The back side is offset along the vertex normals (V, 3), which are weighted by area.
     corners = points[faces]
     normals = np.zeros_like(points)
     np.add.at(normals, faces, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None])
@@ -353,7 +350,10 @@ def _measure_far_factor(offset: Floats) -> Floats:
 
 
 def _run_coacd(points: Floats, faces: Ints, most: int, seconds: float) -> tuple[list[PointsAndFaces], str]:
-    """Cut a closed surface into at most `most` convex parts; return the parts, or no parts and the reason."""
+    """Cut a closed surface into at most `most` convex parts.
+
+    If this fails, return no parts and the reason.
+    """
     points, faces = simplify(points, faces, _COACD_FACES)
     reply = run_in_child(cut_in_child, str(most), {"points": points, "faces": faces}, Limits(seconds))
     if reply.why:
@@ -390,7 +390,7 @@ def cut_in_child(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
 
 
 def _measure_protrusion(parts: list[PointsAndFaces], shape: PointsAndFaces, seen: PointsAndFaces) -> float:
-    """Return the share of a shape's exposed area that protrudes: it is far from the mesh `seen`."""
+    """Return the share of a shape's exposed area that protrudes from the mesh `seen`."""
     # Sample points (n, 3) all over the shape, and the part (n,) of each point.
     places, face = sample_surface(*shape)
     part = np.repeat(np.arange(len(parts)), [len(faces) for _, faces in parts])[face]

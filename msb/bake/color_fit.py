@@ -1,10 +1,10 @@
 """Fit static colours by least squares, so that opaque faces match images best.
 
 Let w be the barycentric weights of a face's corners at a pixel, and t the colour of the image there. The
-corner colours c minimise the sum of (w . c - t)^2 over the pixels that show the face. For a soup, least
-squares give a 3 x 3 system per face; for a connected mesh, they give one sparse system for all vertices. Two
-small terms are added to the sum: differences along edges, and the distance to the previous colours. These two
-small terms keep corners with few or no pixels near their previous colours.
+corner colours c minimise the sum of (w . c - t)^2 over the pixels that show the face. A soup needs one 3 x 3
+system per face. A connected mesh needs one sparse system for all vertices. Two small terms are added to the
+sum: differences along edges, and the distance to the previous colours. Two terms keep corners with few or no
+pixels near their previous colours.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ if TYPE_CHECKING:
 # Weight of the squared colour differences along edges, relative to a pixel. Smoothing colours with this
 # weight affects faces below one pixel, and is negligible for larger faces.
 SMOOTHNESS = 0.3
-# Weight of the distance to the previous colours, relative to a pixel. With this weight, previous colours only
-# make the systems of equations regular.
+# Weight of the distance to the previous colours, relative to a pixel. With this small weight, the previous
+# colours only make the equations solvable.
 PRIOR = 0.05
 # Corner colours are limited to the range mean +- (_MAX_SIGMA sigma + _MARGIN) of the face's pixels. Without
-# limits on colours, a face with one visible tip is extrapolated to black or white. Corners of entirely
-# visible faces reach 3 sigma; limits below 8 sigma reduce the PSNR.
+# limits on colours, a face with one visible tip is extrapolated to black or white. Corners of fully visible
+# faces reach 3 sigma, and limits below 8 sigma reduce the PSNR.
 _MAX_SIGMA, _MARGIN = 8.0, 0.05
-# Number of rings of visible faces that are coloured together with adjacent unseen faces. Images of faces in
-# these rings are unreliable, because their pixels contain as much background as face.
+# Number of rings of visible faces that are coloured together with adjacent unseen faces. In these rings, a
+# face has as many background pixels as face pixels, so its colours are unreliable.
 _STRIP_RINGS = 3
-# Weight of the previous colours when colours are extended to unseen faces. The previous colours only matter
-# for a part without any visible neighbour.
+# Weight of the previous colours when colours are extended to unseen faces. The previous colours only affect a
+# part without any visible neighbour.
 _FAINT_PRIOR = 1e-6
-# Number of rounds. Each round clamps the colours beyond their limits and solves for the other colours again.
-# Further rounds of clamping change little.
+# Number of rounds. Each round clamps colours to their limits and solves the equations of the other colours
+# again. Further rounds of clamping change little.
 _CLAMP_ROUNDS = 4
 # Largest number of conjugate-gradient steps, and the relative residual at which they end. A residual of this
-# size is far below one level of 8 bits.
+# size is far below one of 256 colour levels.
 _MAX_STEPS, _TOLERANCE = 400, 1e-6
 # Number of faces of a soup whose equations are solved together. Solving this number of faces together limits
 # the memory to about 30 MB per array.
@@ -48,7 +48,7 @@ _CHUNK = 1 << 16
 
 
 def split_sums(sums: Singles) -> tuple[Floats, Floats]:
-    """Return the sums of w w^T (F, 3, 3) and of w t^T (F, 3, 3) that are stored in `sums` (F, 15).
+    """Return the sums of w w^T (F, 3, 3) and of w t^T (F, 3, 3) from `sums` (F, 15).
 
     The sums have one row per corner.
     """
@@ -101,8 +101,8 @@ def _solve_faces(products: Floats, targets: Floats, colors: Singles) -> Floats:
 def _find_color_limits(products: Floats, colors: Floats) -> tuple[Floats, Floats]:
     """Return the smallest and the largest allowed colour (n, 3) of a face's corners.
 
-    The limits follow from the mean and the standard deviation of the colour over the pixels of the face.
-    `colors` (n, 3, 3) are the colours of the face's corners. The limits lie within [0, 1].
+    The limits follow from the mean and the standard deviation of the colour over the pixels of the face. The
+    argument `colors` (n, 3, 3) contains the colours of the face's corners. The limits lie within [0, 1].
     """
     share = products.sum(axis=2)
     count = np.maximum(share.sum(axis=1, keepdims=True), 1e-12)
@@ -120,7 +120,7 @@ def _solve_faces_within(system: Floats, targets: Floats, x: Floats, low: Floats,
         clamped |= (x < low) | (x > high)
         x = np.clip(x, low, high)
         free = ~clamped
-        # Move clamped values to the right side; the rows of clamped values become rows of the identity.
+        # Move clamped values to the right side, and replace their rows by rows of the identity.
         rest = targets - np.einsum("nij,nj->ni", system, np.where(clamped, x, 0.0))
         reduced = np.where(free[:, :, None] & free[:, None, :], system, 0.0) + clamped[:, :, None] * np.eye(3)
         solution = np.linalg.solve(reduced, np.where(free, rest, 0.0)[..., None])[..., 0]
@@ -131,7 +131,7 @@ def _solve_faces_within(system: Floats, targets: Floats, x: Floats, low: Floats,
 def fit_mesh_colors(sums: FaceSums, faces: Ints, colors: Singles, laplacian: csr_matrix) -> Singles:
     """Return the best vertex colours (V, 3) in [0, 1] of a mesh with faces (F, 3) and previous `colors`.
 
-    `laplacian` is the result of `make_edge_laplacian` for the faces.
+    The argument `laplacian` is the result of `make_edge_laplacian` for the faces.
     """
     import scipy.sparse as sparse
 
@@ -175,9 +175,10 @@ def _find_vertex_limits(products: Floats, faces: Ints, colors: Floats) -> tuple[
 
 
 def extend_colors(colors: Singles, faces: Ints, pixels: Floats) -> Singles:
-    """Return vertex colours (V, 3); faces without `pixels` (F,) continue the surrounding colours.
+    """Return vertex colours (V, 3).
 
-    Some rings of visible faces around unseen faces are coloured again as well (`_STRIP_RINGS`).
+    Faces without `pixels` (F,) get colours that continue the surrounding colours. A few rings of visible
+    faces around unseen faces are coloured again (`_STRIP_RINGS`).
     """
     import scipy.sparse as sparse
 
@@ -234,8 +235,7 @@ def _solve_within(system: csr_matrix, right: Floats, x: Floats, low: Floats, hig
 def _solve(system: csr_matrix, right: Floats, x: Floats) -> Floats:
     """Solve system @ x = right from a first guess x by conjugate gradients with Jacobi's preconditioner.
 
-    SciPy's solver is not used, because it would start the threads of its linear algebra library. The threads
-    of SciPy's linear algebra would then spin and slow down the kernels.
+    SciPy's solver is not used, because the threads of its linear algebra library would slow down the kernels.
     """
     scale = 1 / system.diagonal()
     residual = right - system @ x

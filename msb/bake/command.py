@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from msb.scenes.datasets import Scene
 
 
-# Geometry -> description of the surface that no training view shows.
+# For each geometry, describe the treatment of surfaces that no training view shows.
 _UNSEEN = {
-    "kept": "a triangle soup loses this area, a connected mesh keeps its old colours there",
+    "kept": "a triangle soup loses this area; a connected mesh keeps its old colours in this area",
     "fitted": "triangles there are dropped",
     "surface": "a closed surface covers this area without images",
 }
@@ -52,15 +52,15 @@ class BakeFiles:
     size: Annotated[
         str | None,
         Option(
-            "Size of the images of --cameras in pixels, or a factor of the cameras' size.",
+            "Size of the --cameras images in pixels, or a scale factor for the size of the cameras.",
             metavar="WxH|FACTOR",
         ),
     ] = None
     scene: Annotated[
         Path | None,
         Option(
-            "Use the views of the scene that the model was trained on: its training views supervise, its "
-            "test views are held out for the measurement.",
+            "Use the views of the scene that the model was trained on. Training views supervise; test views "
+            "are held out for the measurement.",
             metavar="DIR",
         ),
     ] = None
@@ -87,9 +87,10 @@ def bake(
 ) -> None:
     """Make an opaque mesh, with a texture or vertex colours, that looks like the native rendering of a model.
 
-    The mesh is fitted to native renderings of the model in the views of --scene or --cameras. Without --scene
-    and --cameras, the training cameras beside the model are used, or generated views. The printed PSNR is
-    measured on held-out views. The reference images are the photographs with --scene, else native renderings.
+    The mesh is fitted to native renderings of the model in the views of --scene or --cameras. If neither
+    --scene nor --cameras is given, the views are the training cameras beside the model, or generated views.
+    The printed PSNR is measured on held-out views. With --scene, photographs are the reference images.
+    Without --scene, native renderings are the reference images.
 
     An output folder contains asset.glb with its levels of detail and its collision shape, bake.json (the
     output of --json), preview.png, and index.html, a page with all results. In an existing folder, only files

@@ -16,13 +16,13 @@ from msb.cl import Device
 if TYPE_CHECKING:
     from msb.bake.soup import Soup
 
-# Called as progress(stage, done, total). If it returns true, the search stops early and keeps the best
-# result.
+# Called as progress(stage, done, total). If the callback returns true, the search stops early and keeps the
+# best result.
 ProgressHook = Callable[[str, int, int], bool]
 
 
 def ignore_progress(_stage: str, _done: int, _total: int) -> bool:
-    """Ignore progress, and never stop."""
+    """Do nothing, and let the search continue."""
     return False
 
 
@@ -78,8 +78,8 @@ class SearchContext:
     step_factor : float
         The number of steps of each search, relative to the normal number.
     shows_model_mesh : bool
-        Whether the images are standard-tier images of the model's triangles. If true, no triangle needs to be
-        pruned.
+        Whether the images are standard-tier images of the model's triangles. No triangle is pruned if this is
+        true.
     has_own_depths : bool
         Whether a surface is made of the model's own depths. The model's own depths have fewer dents than the
         depths of a fitted soup.

@@ -24,29 +24,29 @@ if TYPE_CHECKING:
     from msb.cl import Buffer, Device
     from msb.scenes import Camera
 
-# Distances in cells. A cell `REACH` or more in front of a surface gets the largest vote, 1. A view does not
-# vote on a cell more than `BEHIND` behind the surface, because the surface hides that cell. `BEHIND` is
-# smaller than `REACH`, because views of the other side of a sheet vote against cells there. With equal
-# distances, thin leaves vanished from the solid.
+# Distances in cells. A cell has the largest vote, 1, if it is at least `REACH` in front of a surface. A
+# surface hides cells more than `BEHIND` behind the surface, so a view does not vote on such cells. `BEHIND`
+# is smaller than `REACH`, so that the votes of views from two sides of a thin sheet do not cancel. Thin
+# leaves would vanish from the solid if both distances were equal.
 REACH, BEHIND = 3.0, 1.5
 # The surface is moved outwards by this number of cells, so that thin sheets and stems become solids that the
 # grid can resolve. `pull_in` moves the surface back where the solid is thick.
 THICKNESS = 1.0
-# Smallest ratio between the number of views that see a cell and the number of views that do not see it. With
-# a smaller ratio the cell counts as solid, because the few views that see the cell probably look through a
-# hole in the soup.
+# Smallest ratio of the number of views that see a cell to the number of views that do not see the cell. Below
+# this ratio, the cell counts as solid. The few views that see the cell probably look through a hole in the
+# soup.
 MIN_SEEN_RATIO = 0.05
-# Number of steps of `pull_in`; each step interpolates the grid once.
+# Number of steps of `pull_in`. Each step interpolates the grid once.
 _PULL_STEPS = 5
 # Work-items of a work-group.
 _GROUP = 64
-# Number of views that vote in one run of the kernel, and number of floats per view in the kernel's input.
-# Eight views share one pass over the cells.
+# The first number is the number of views that vote in one run of the kernel. The second number is the floats
+# per view in the kernel's input. Eight views share one pass over the cells.
 _VIEWS_PER_RUN, _RECORD = 8, 19
-# Value of a cell without any vote. Real votes are at most 1.
+# Value of a cell without any vote.
 UNKNOWN = 2.0
-# Every 7th covered pixel gives one visible point. The step 7 has no common factor with usual image widths, so
-# the points do not line up in columns.
+# Every 7th covered pixel gives one visible point. The step 7 has no common factor with usual image widths.
+# Therefore the points do not line up in columns.
 _PIXELS_PER_POINT = 7
 _BLACK = (0.0, 0.0, 0.0)
 # Smallest coverage of a pixel by Gaussians that gives the pixel a depth.
@@ -92,11 +92,14 @@ class DepthRenderer(StandardRenderer):
         self._fuse = self._device.program("bake_fuse", {"RECORD": _RECORD, "UNKNOWN": UNKNOWN})
 
     def read_depth(self, camera: Camera) -> Singles:
-        """Return the depth map (H, W) of a camera, in units of `camera.unit`; 0 at empty pixels."""
+        """Return the depth map (H, W) of a camera, in units of `camera.unit`.
+
+        Empty pixels have the depth 0.
+        """
         return self.render(camera.in_units(), _BLACK).depth
 
     def draw_depth(self, camera: Camera) -> Buffer:
-        """Queue the rendering of a depth map; return its buffer."""
+        """Queue the rendering of a depth map. Return its buffer."""
         return self._run(camera.in_units(), _BLACK, everything=True)["depth"]
 
     def sample_visible_points(self, cameras: Sequence[Camera]) -> Floats:
@@ -114,10 +117,11 @@ class DepthRenderer(StandardRenderer):
 
     @in_turn
     def vote(self, cameras: Sequence[Camera], space: Space, grid: Grid) -> Singles:
-        """Return the votes (nx, ny, nz): the average distance of each cell in front of the visible surface.
+        """Return the votes (nx, ny, nz) of the cells.
 
-        Votes are in units of `REACH` cells, and at most 1. A vote is negative if the cell is solid. A cell
-        that no view contains, or beyond the edge of a scene, has the vote `UNKNOWN`.
+        A vote is the average distance by which a cell is in front of the visible surface. Votes are in units
+        of `REACH` cells, and at most 1. A vote is negative if the cell is solid. A cell has the vote
+        `UNKNOWN` if no view contains the cell or if the cell is beyond the edge of a scene.
         """
         count = int(np.prod(grid.shape))
         sums, votes = self._scratch("cells", grid.shape), self._scratch("votes", (2, *grid.shape), np.uint16)
@@ -160,8 +164,9 @@ class DepthRenderer(StandardRenderer):
 class NativeDepthRenderer(DepthRenderer):
     """Lets the depth maps of Gaussians, instead of a mesh, vote on grid cells.
 
-    The depth of a pixel belongs to the Gaussian that halves the transmittance, at the point of the ray with
-    the highest density. Pixels that the Gaussians cover by less than half are empty.
+    The depth of a pixel is the depth of the first Gaussian at which the transmittance is below one half. The
+    depth is measured where the ray meets the highest density. Pixels that the Gaussians cover by less than
+    half are empty.
     """
 
     def __init__(self, model: Asset, device: str | Device | None = None) -> None:
@@ -184,7 +189,7 @@ class NativeDepthRenderer(DepthRenderer):
 
 
 def find_visible_points(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Floats:
-    """Return world points (n, 3) of a mesh that the cameras see; empty without cameras."""
+    """Return world points (n, 3) of a mesh that the cameras see. The result is empty without cameras."""
     if not cameras:
         return np.zeros((0, 3))
     with closing(DepthRenderer(mesh, device)) as renderer:
@@ -205,8 +210,8 @@ def complete_votes(votes: Singles, space: Space, grid: Grid) -> Singles:
 def pull_in(points: Floats, values: Singles, grid: Grid) -> Floats:
     """Return surface points (V, 3) moved inwards by half of `THICKNESS` where the solid is thick.
 
-    The sides of a thin sheet are not moved, because the two sides would meet. Half of `THICKNESS` suffices,
-    because views from the side vote that the whole cell is free and so move the surface inwards already.
+    The sides of a thin sheet are not moved, because the two sides would meet. Views from the side already
+    move the surface inwards, so half of `THICKNESS` is enough.
     """
     from scipy.ndimage import map_coordinates
 
@@ -218,12 +223,11 @@ def pull_in(points: Floats, values: Singles, grid: Grid) -> Floats:
     places = (points - grid.low) / grid.cell
     inward = np.stack([interpolate(places - step) - interpolate(places + step) for step in np.eye(3)], axis=1)
     inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-12)
-    # The solid is thick at a place if the vote a few cells further inside is well below the vote inside a
-    # sheet.
+    # The solid is thick if the vote drops further a few cells inside the surface.
     depth = THICKNESS / REACH
     is_thick = interpolate(places + (THICKNESS + BEHIND) * inward) < -1.5 * depth
     move = THICKNESS / _PULL_STEPS * is_thick[:, None] * inward
-    # In each step, move further along `move`, until the interpolated vote is -depth / 2.
+    # Move the points along `move` until the interpolated vote is -depth / 2.
     for _ in range(_PULL_STEPS):
         here, there = interpolate(places), interpolate(places + move)
         share = np.clip((here + depth / 2) / np.maximum(here - there, 1e-12), 0, 1)
@@ -253,7 +257,7 @@ def _fill_unknown(values: Singles, known: Mask) -> None:
         sums[there] += np.where(known[part], values[part], 0)
         count[there] += known[part]
     sums /= np.maximum(count, 1)
-    # Fill the blocks recursively, then copy them to unknown cells, smoothed over 3 cells.
+    # Fill the blocks recursively. Copy their values, smoothed over 3 cells, to the unknown cells.
     _fill_unknown(sums, count > 0)
     for axis in range(3):
         sums = sums.repeat(2, axis=axis)
@@ -262,7 +266,10 @@ def _fill_unknown(values: Singles, known: Mask) -> None:
 
 
 def _make_shell_votes(grid: Grid) -> Singles:
-    """Return votes (nx, ny, nz) for the shell around a scene, which lies `REACH` / 2 inside `EDGE`."""
+    """Return votes (nx, ny, nz) for the solid shell around a scene.
+
+    The shell begins `REACH` / 2 inside `EDGE`.
+    """
     axes = [grid.low[k] + grid.cell * np.arange(grid.shape[k]) for k in range(3)]
     x, y, z = np.meshgrid(*(np.square(axis).astype(np.float32) for axis in axes), indexing="ij", sparse=True)
     reach = REACH * grid.cell
@@ -271,7 +278,7 @@ def _make_shell_votes(grid: Grid) -> Singles:
 
 
 def _make_record(camera: Camera, space: Space) -> Singles:
-    """Return the values (_RECORD,) of a camera for the kernel; the unit of length is `space.radius`."""
+    """Return the values (_RECORD,) of a camera for the kernel. The unit of length is `space.radius`."""
     pose = camera.world_to_camera[:3].copy()
     pose[:, 3] = (pose[:, :3] @ space.center + pose[:, 3]) / space.radius
     image = camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height

@@ -1,11 +1,11 @@
 """Gradient descent on the corners of an opaque soup reduces the squared error of its images.
 
 An opaque image changes at the borders between faces when the faces move. The kernel `sums` of bake.cl adds up
-the pixels at face borders, for a few views at a time. The resulting sums are the derivatives of the error by
-the place of each corner. Corners move along the negative gradient by Adam's rule (Kingma and Ba 2015), with
-one scale for all coordinates of a face. Every few steps, colours are fitted again by least squares over the
-pixels of the last steps. Between descent steps, faces are hidden or shown if the change reduces the error
-(`msb.bake.face_selection`).
+the pixels at face borders, for a few views at a time. These sums are the derivatives of the error with
+respect to the position of each corner. Corners move along the negative gradient by Adam's rule (Kingma and Ba
+2015), with one scale for all coordinates of a face. Every few steps, colours are fitted again by least
+squares over the pixels of the last steps. Between descent steps, faces are hidden or shown if the change
+reduces the error (`msb.bake.face_selection`).
 """
 
 import time
@@ -61,7 +61,7 @@ class StepSchedule:
         self._is_short = False
 
     def finish_step(self, step: int) -> float:
-        """Count a finished step; return the finished share of the search, 1 at its end."""
+        """Count a finished step. Return the finished share of the search, which is 1 at its end."""
         stop = self._progress(step, self._steps)
         self._taken = step
         now, left = time.monotonic(), self._planned - step
@@ -71,8 +71,8 @@ class StepSchedule:
             pace = max(now - self._first, _EPSILON) / (step - 1)
             possible = int((self._until - now) / pace)
             self._is_short |= possible < left
-            # After the time limit has reduced the steps, the step lengths depend on the clock. If the time
-            # was short, leave out at least one step, so that a note reports the reduction.
+            # Once the time limit reduces the steps, the step lengths depend on the speed of the machine. In
+            # this case, leave out at least one step, so that a note reports the reduction.
             if self._is_short:
                 left = min(possible, left - 1)
         if stop or now > self._until or left <= 0:
@@ -92,7 +92,7 @@ class StepSchedule:
 class Adam:
     """Adam's rule. Turns gradients into moves by Adam's rule, in units of the step length.
 
-    Coordinates that move together, such as those of a face, share one scale.
+    All coordinates of a face share one scale.
 
     Parameters
     ----------
@@ -109,10 +109,10 @@ class Adam:
     def compute_move(self, gradient: Floats, square: Floats | float) -> Floats:
         """Return the move (..., 3) to subtract from the coordinates, for the gradient (..., 3) of the error.
 
-        `square` is the mean squared gradient of the coordinates that share a scale; its shape broadcasts to
-        `gradient`.
+        The argument `square` is the mean squared gradient over all coordinates with the same scale. The shape
+        of `square` must broadcast to `gradient`.
         """
-        # Running averages. Both running averages start at 0; the divisions by 1 - decay^step correct this
+        # Running averages. Both running averages start at 0. The divisions by 1 - decay^step correct this
         # bias.
         self._step += 1
         self._gradient = _MOMENTUM * self._gradient + (1 - _MOMENTUM) * gradient
@@ -135,7 +135,7 @@ def move_faces(
     most: int | None,
     schedule: StepSchedule,
 ) -> Soup:
-    """Move the corners of the selected faces; return the state with the smallest validation error.
+    """Move the corners of the selected faces. Return the state with the smallest validation error.
 
     Step lengths fall from the first to the last value of `step_lengths`, relative to the size of a face. At
     most `most` faces are selected at the end. If faces cover fewer than `MIN_FACE_PIXELS` pixels on average,
@@ -153,13 +153,13 @@ def move_faces(
         step += 1
         soup.upload(renderer)
         seen = renderer.sum_faces(sample_views(renderer, random))
-        # Move the corners (F, 3, 3); the nine coordinates of a face share one scale.
+        # Move the corners (F, 3, 3). The nine coordinates of a face share one scale.
         gradients = seen.gradients.astype(np.float64)
         move = adam.compute_move(gradients, np.square(gradients).mean(axis=(1, 2), keepdims=True))
         first, last = step_lengths
         length = first + (last - first) * share
         soup.corners -= (length * _measure_face_sizes(soup)[:, None, None] * move).astype(np.float32)
-        # Fit the colours, select faces and validate, each at its own interval of steps.
+        # Fit the colours, select faces and validate at different intervals of steps.
         sums = seen.sums if sums is None else COLOR_DECAY * sums + seen.sums
         if step % COLOR_STEPS == 0:
             soup.fit_colors(seen._replace(sums=sums))

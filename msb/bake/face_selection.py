@@ -1,9 +1,10 @@
 """Face selection of an opaque soup: hide or show many faces at once, and keep useful changes.
 
 A selection round hides some selected faces, shows some hidden faces, and draws a few views before and after.
-The change of a pixel's squared error is assigned to the faces that the pixel shows before and after
-(`SoupRenderer.measure_changes`). A change of the selection is only kept if its gain is significant over the
-views. Without a test of significance, noise would decide which faces of few pixels are selected.
+When a pixel changes, its error is assigned to the faces before and after the change
+(`SoupRenderer.measure_changes`). A change of the selection is kept if its gain over the views is
+statistically significant. Without a test of significance, noise would decide which faces of few pixels are
+selected.
 """
 
 import numpy as np
@@ -16,8 +17,8 @@ from msb.bake.soup_renderer import SoupRenderer
 # change together. If neighbouring faces changed together, the error of one face could be assigned to the
 # other.
 TRIED_SHARE = 0.08
-# Number of views that a selection round draws, and that a descent step computes gradients from. The time
-# grows with the number of views, and the noise falls with its square root.
+# A selection round and a descent step render this number of views. The time grows with the number of views,
+# and the noise falls with its square root.
 BATCH_VIEWS = 8
 # A gain must exceed its standard error multiplied by this number. Without a test of the standard error, faces
 # with few pixels overfit the training views.
@@ -25,8 +26,8 @@ MIN_STANDARD_ERRORS = 0.5
 # A gain must also exceed this squared error, summed over all views of a round. A gain of this size is far
 # below the error of one wrong pixel.
 _MIN_GAIN = 1e-4
-# `hide_cheapest_faces` hides a quarter of the tried faces per round. Hiding all tried faces would open holes
-# where two of them overlap, because their errors are measured together.
+# `hide_cheapest_faces` hides a quarter of the tried faces per round. If all tried faces were hidden,
+# overlapping faces would leave a hole, because their errors are measured together.
 _TRIED_PER_HIDDEN = 4
 
 
@@ -41,8 +42,8 @@ def toggle_faces(
 ) -> None:
     """Hide some selected faces and show some hidden faces if the change reduces the error.
 
-    Hiding and showing in one round needs half as many renderings, but mixes up the gains of overlapping
-    faces. At most `most` faces are selected afterwards.
+    Hiding and showing in one round halves the renderings, but mixes the gains of overlapping faces. At most
+    `most` faces are selected afterwards.
     """
     selected, hidden = (
         _pick_faces(soup, random, pool) for pool in (soup.selected & hide, ~soup.selected & show)
@@ -51,7 +52,7 @@ def toggle_faces(
     chosen = np.concatenate([selected, hidden[:room]])
     if not len(chosen):
         return
-    # Increase of the error (views, n), the sum over the views, and the standard error of the sum.
+    # Compute the error increase (views, n), its sum over the views, and the standard error of the sum.
     rise = _measure_toggle(soup, renderer, random, chosen)
     views, total = len(rise), rise.sum(axis=0)
     squares = np.maximum(np.square(rise).sum(axis=0) - total**2 / views, 0)
@@ -80,7 +81,7 @@ def _pick_faces(soup: Soup, random: np.random.Generator, pool: Mask) -> Ints:
 
 
 def _measure_toggle(soup: Soup, renderer: SoupRenderer, random: np.random.Generator, chosen: Ints) -> Floats:
-    """Hide or show each chosen face; return the error increase (views, n) that each face causes."""
+    """Hide or show each chosen face. Return the error increase (views, n) that each face causes."""
     owner = np.full(len(soup.selected), -1, np.int32)
     owner[chosen] = np.arange(len(chosen), dtype=np.int32)
     soup.upload(renderer)

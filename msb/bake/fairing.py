@@ -1,8 +1,8 @@
 """Fairing smooths dents of a surface and keeps its creases.
 
 Each face normal is averaged with the similar normals around it. The vertices then move so that the faces
-follow the filtered normals (Sun et al. 2007, Zheng et al. 2011). Without fairing a lit surface looks like
-crumpled paper, because the depths of a fitted soup are uneven.
+follow the filtered normals (Sun et al. 2007, Zheng et al. 2011). Without fairing, a lit surface would look
+crumpled, because the depths of a fitted soup are uneven.
 """
 
 from __future__ import annotations
@@ -18,23 +18,21 @@ from msb.topology.faces import face_vectors
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-# Width of the filter of normals, measured as the length of the difference of two unit normals. Normals that
-# differ by 30 degrees (0.52) have a filter weight of 0.59, and normals across a crease of 90 degrees (1.41)
-# have 0.02.
+# Width of the filter of normals, measured as the length of the difference of two unit normals. The filter
+# weight is 0.59 for normals that differ by 30 degrees (0.52), and 0.02 across a crease of 90 degrees (1.41).
 _NORMAL_WIDTH = 0.5
 # Turns of `fair`. Each turn of fairing filters the normals and moves the vertices. After ten turns the dents
 # of the demo surfaces are gone, and further turns would round the rims.
 _TURNS = 10
-# A turn of `smooth` has two halves, which move a vertex by these shares of the way to the average of its
-# neighbours.
+# One smoothing turn moves a vertex twice, by these shares of the way to the average of its neighbours.
 _SHARES = 0.5, -0.53
-# A face is folded if the cosine between its normal and the sum of the surrounding normals, weighted by area,
-# is below this limit. At the rim of a thin sheet, the sum of the surrounding normals includes both sides, so
-# the cosine is near 0.
+# A face is folded if its normal points away from the normals around it. The cosine between the normal and the
+# area-weighted sum of the surrounding normals is then below this limit. At the rim of a thin sheet, the sum
+# of the surrounding normals includes both sides, so the cosine is near 0.
 _FOLDED = -0.3
 # Smallest length of the sum of the surrounding normals, relative to the sum of their lengths.
 _AGREEMENT = 0.5
-# A surface has one turn of fairing per this number of faces, up to all turns.
+# The number of fairing turns is the number of faces divided by this value, up to `_TURNS`.
 _FACES_PER_TURN = 50
 # Number of filter rounds, and number of rounds that move the vertices, in one turn of `fair`.
 _FILTER_ROUNDS, _MOVE_ROUNDS = 3, 3
@@ -43,7 +41,7 @@ _FILTER_ROUNDS, _MOVE_ROUNDS = 3, 3
 class Neighbours(NamedTuple):
     """The faces around each face: all faces that share a vertex with the face, and the face itself.
 
-    The neighbours of face i are ``faces[starts[i]:starts[i + 1]]``; `owner` (n,) is i for each neighbour.
+    The neighbours of face i are ``faces[starts[i]:starts[i + 1]]``. For each neighbour, `owner` (n,) is i.
     """
 
     owner: Ints
@@ -55,8 +53,8 @@ def find_neighbours(faces: Ints, count: int) -> Neighbours:
     """Return the neighbours of the faces (F, 3) of a mesh with `count` vertices."""
     from scipy.sparse import csr_matrix
 
-    # The entry of `has` (V, F) is 1 if a face has a vertex, so the product `has.T @ has` (F, F) is positive
-    # for faces that share a vertex.
+    # The matrix `has` (V, F) marks the faces of each vertex. The product `has.T @ has` (F, F) is positive for
+    # faces that share a vertex.
     rows, columns = faces.reshape(-1), np.repeat(np.arange(len(faces)), 3)
     has = csr_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=(count, len(faces)))
     pairs = (has.T @ has).tocsr()
@@ -78,10 +76,9 @@ def smooth(points: Floats, faces: Ints, turns: int) -> Floats:
 
 
 def fair(points: Floats, faces: Ints) -> Floats:
-    """Filter the normals and move the vertices of a surface in some turns; return the points (V, 3).
+    """Filter the normals and move the vertices of a surface in some turns. Return the points (V, 3).
 
-    A surface of few faces has no dents that are small relative to the whole surface, so the surface is faired
-    less or not at all.
+    A surface with few faces has few small dents. Therefore such a surface gets fewer turns or none.
     """
     neighbours = find_neighbours(faces, len(points))
     average = make_neighbour_average(faces, len(points))
@@ -94,7 +91,7 @@ def fair(points: Floats, faces: Ints) -> Floats:
 
 
 def _unfold(points: Floats, faces: Ints, neighbours: Neighbours, average: csr_matrix) -> Floats:
-    """Open folded faces; return the points (V, 3).
+    """Unfold faces that are upside down. Return the points (V, 3).
 
     A folded face lies upside down between its neighbours. The filter of normals cannot turn a folded face,
     because its normal differs too much from the normals around it. The corners of a folded face move half way
@@ -105,8 +102,8 @@ def _unfold(points: Floats, faces: Ints, neighbours: Neighbours, average: csr_ma
     sums = np.add.reduceat(vectors[neighbours.faces], neighbours.starts[:-1]) - vectors
     total = np.add.reduceat(length[neighbours.faces], neighbours.starts[:-1]) - length
     sum_length = np.linalg.norm(sums, axis=1)
-    # Around a folded face, the normals of the neighbours agree with each other. Around a face of a
-    # tetrahedron, the normals of the neighbours disagree.
+    # Around a folded face, the normals of the neighbours agree with each other. The normals around a face of
+    # a tetrahedron disagree.
     is_folded = np.einsum("fk,fk->f", vectors, sums) < _FOLDED * length * sum_length
     is_folded &= sum_length > _AGREEMENT * total
     moved = np.zeros(len(points), bool)
@@ -144,10 +141,10 @@ def filter_normals(points: Floats, faces: Ints, neighbours: Neighbours, rounds: 
 
 
 def follow_normals(points: Floats, faces: Ints, normals: Floats, share: float = 1.0) -> Floats:
-    """Move the points (V, 3) so that the faces turn towards the unit `normals` (F, 3); return the points.
+    """Move the points (V, 3) so that the faces turn towards the unit `normals` (F, 3). Return the points.
 
-    A vertex v moves towards the planes of its faces, by `share` times the average over the faces of n dot(n,
-    c - v), where n is the normal and c the centre of a face.
+    A vertex v moves towards the planes of its adjacent faces. The move is `share` times the average of n
+    dot(n, c - v), where a face has the normal n and the centre c.
     """
     corners = points[faces]
     offsets = np.einsum("fk,fck->fc", normals, corners.mean(axis=1)[:, None] - corners)

@@ -29,8 +29,8 @@ ASSET = "asset.glb"
 PAGE = "index.html"
 _REPORT, _PREVIEW = "bake.json", "preview.png"
 _SCRIPTS = "camera.js", "page.js", "controls.js", "baked.js", "start.js"
-# Smallest number of pixels of the longer side of a view on the page. Smaller views are enlarged, because a
-# mesh can be drawn at any resolution.
+# Smallest number of pixels of the longer side of a view on the page. Smaller views are enlarged, because
+# meshes can be rendered at any resolution.
 _MIN_PAGE_SIDE = 1024
 
 
@@ -40,11 +40,11 @@ def is_folder(path: Path) -> bool:
     A path with the suffix of a format is always a file.
     """
     is_file = path.suffix.lower() in (ASSET_SUFFIX, *list_written_suffixes())
-    return not is_file and (not path.suffix or os.path.isdir(path))  # noqa: PTH112 - long names raise there
+    return not is_file and (not path.suffix or os.path.isdir(path))  # noqa: PTH112 - is_dir() fails for long names
 
 
 def is_folder_output(paths: Sequence[Path]) -> bool:
-    """Return whether the output is a folder; reject a folder among several outputs.
+    """Return whether the output is a folder. Reject a folder among several outputs.
 
     Raises
     ------
@@ -59,10 +59,10 @@ def is_folder_output(paths: Sequence[Path]) -> bool:
 
 
 def write_folder(baked: Baked, assets: Sequence[OutputAsset], folder: Path, overwrite: bool) -> Report:
-    """Write a bake with these assets as a complete folder or not at all; return the report with its files.
+    """Write a bake as a complete folder or not at all. Return the report with the written files.
 
-    The folder holds `ASSET`, its levels of detail, its collision shape, `preview.png`, a page, and the report
-    `bake.json` with relative file names.
+    The folder holds `ASSET`, its levels of detail, its collision shape, `preview.png` and a page. The report
+    `bake.json` has relative file names.
     """
     with own_folder(folder, overwrite=overwrite) as new:
         files = write_assets(assets, [new / ASSET])
@@ -81,7 +81,7 @@ def write_folder(baked: Baked, assets: Sequence[OutputAsset], folder: Path, over
 def _make_page(
     baked: Baked, assets: Sequence[OutputAsset], report: Report, name: str, image: bytes
 ) -> bytes | None:
-    """Return the page that shows each asset and the report; None if `msb.engines` is not installed."""
+    """Return the page that shows each asset and the report. Return None if `msb.engines` is not installed."""
     try:
         from msb.engines.engine import engine_mesh
         from msb.engines.webpage import fill_template, scene_to_json
@@ -132,7 +132,10 @@ def _make_facts(report: Report) -> list[list[str]]:
 
 
 def _make_quality_table(report: Report) -> list[list[str]]:
-    """Return the head and the rows of a table of PSNR on the test views; empty without a test view."""
+    """Return the head and the rows of a table of PSNR on the test views.
+
+    Without a test view, the table is empty.
+    """
     native, photographs = report.native, report.photographs
     if native is None:
         return []

@@ -12,19 +12,21 @@ PointsAndFaces = tuple[Floats, Ints]
 
 # Largest number of corners of the hull of a patch. Physics engines accept hulls of some dozens of corners.
 PATCH_CORNERS = 32
-# Thickness of a box or of the hull of a flat patch, relative to the diagonal: thin, but still a solid.
+# Thickness of a box or of the hull of a flat patch, relative to the diagonal. The thin shape is still a
+# solid.
 _MIN_THICKNESS = 1e-3
 # A hull is flat, and is thickened, if its volume is below this share of the cube of the diagonal.
 _FLAT_VOLUME = 1e-6
-# Both patches extend this far beyond the cut between them, relative to the diagonal, so that no gap remains.
+# Two neighbouring patches overlap by this distance at their cut, relative to the diagonal, so that no gap
+# remains.
 _OVERLAP = 4e-3
-# Cuts are tried at these quantiles of a patch's points along each principal axis. Trying more cuts takes
-# longer.
+# Cuts are tried at these quantiles of a patch's points along each principal axis.
 _CUT_QUANTILES = (0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)
 # Number of sample points on the faces. Sample points are used in addition to the vertices, because large
 # faces have few vertices.
 _SAMPLE_POINTS = 5000
-# Boxes are fitted to this number of the largest hull faces. The smallest box usually lies on a large face.
+# The search for the smallest box tries this number of the largest hull faces. The smallest box usually lies
+# on a large face.
 _MAX_BASES = 500
 _TINY = np.finfo(np.float64).tiny
 # The corners (8, 3) of a unit box, and its faces (12, 3).
@@ -42,9 +44,10 @@ _BOX_FACES = np.array(
 
 
 def split_into_patches(points: Floats, faces: Ints, count: int) -> list[Floats]:
-    """Divide the points of a surface into up to `count` sets (n, 3) whose hulls have a small total volume.
+    """Divide the points of a surface into up to `count` sets (n, 3).
 
-    The patch with the largest hull is cut repeatedly, at the place that saves the most volume.
+    The hulls of the sets have a small total volume. The patch with the largest hull is cut repeatedly, at the
+    place that saves the most volume.
     """
     points = np.concatenate([points, sample_surface(points, faces, _SAMPLE_POINTS)[0]])
     patches = [(_measure_volume(points), points)]
@@ -58,7 +61,10 @@ def split_into_patches(points: Floats, faces: Ints, count: int) -> list[Floats]:
 
 
 def _cut_patch(points: Floats) -> list[tuple[float, Floats]]:
-    """Cut a patch into the two parts with the smallest total volume; return no parts if it cannot be cut."""
+    """Cut a patch into the two parts with the smallest total volume.
+
+    Return no parts if the patch cannot be cut.
+    """
     best: list[tuple[float, Floats]] = []
     if len(points) < 2:
         return best
@@ -89,7 +95,7 @@ def _find_principal_axes(points: Floats) -> Floats:
 
 
 def _measure_volume(points: Floats) -> float:
-    """Return the volume of the convex hull; a flat hull is thickened first."""
+    """Return the volume of the convex hull. A flat hull is thickened first."""
     exact = _measure_exact_volume(points)
     return exact if exact >= _FLAT_VOLUME else _measure_exact_volume(_thicken(points))
 
@@ -109,7 +115,7 @@ def _thicken(points: Floats) -> Floats:
 
 
 def make_hull(points: Floats) -> PointsAndFaces:
-    """Return a convex hull of at most `PATCH_CORNERS` of the points; a flat hull is thickened."""
+    """Return a convex hull of at most `PATCH_CORNERS` of the points. A flat hull is thickened."""
     from scipy.spatial import ConvexHull
 
     # Extreme points in evenly spread directions, in coordinates scaled by the principal axes.
@@ -133,11 +139,11 @@ def fit_box(points: Floats) -> PointsAndFaces:
     """Return a small box around the points: the smallest box among several orientations.
 
     The orientations are the coordinate axes, the principal axes, and frames of large faces of the convex
-    hull. The frame of a face consists of its normal, an edge, and the direction across both.
+    hull. The frame of a face consists of its normal, an edge, and the direction perpendicular to both.
     """
     bases, corners = _make_hull_frames(points)
     axes = _find_principal_axes(points)
-    axes[2] *= np.sign(np.linalg.det(axes))  # in a mirrored frame the faces would look inwards
+    axes[2] *= np.sign(np.linalg.det(axes))  # A mirrored frame would turn the faces inwards.
     # Extents (n, 3) of the corners along each frame (n, 3, 3), and the frame with the smallest volume.
     frames = np.concatenate([[np.eye(3), axes], bases])
     along = np.einsum("nij,pj->npi", frames, corners)
@@ -162,8 +168,8 @@ def _make_hull_frames(points: Floats) -> tuple[Floats, Floats]:
             continue
         corners = hull.points[hull.simplices]
         largest = np.argsort(-face_areas(hull.points, hull.simplices)[0], kind="stable")[:_MAX_BASES]
-        # Each side of a face gives a frame: the side, the direction across the side within the face, and the
-        # face normal.
+        # Each side of a face gives a frame. The axes are the side, the direction across the side within the
+        # face, and the face normal.
         side = np.roll(corners[largest], -1, axis=1) - corners[largest]
         along = (side / np.maximum(np.linalg.norm(side, axis=2, keepdims=True), _TINY)).reshape(-1, 3)
         up = np.repeat(hull.equations[largest, :3], 3, axis=0)

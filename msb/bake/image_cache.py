@@ -24,7 +24,8 @@ _HASH_BYTES = hashlib.sha256().digest_size
 class ImageCache:
     """A cache folder with one file per image, named by a hash of the model, the renderer and the camera.
 
-    A file consists of the SHA-256 hash of the pixels, and the pixels row by row as three uint16 each.
+    A file contains the SHA-256 hash of the pixels, then the pixels row by row. A pixel is three uint16
+    values.
 
     Parameters
     ----------

@@ -25,12 +25,12 @@ from msb.render import Renderer
 from msb.render.backend import check_supported, minimal_options
 from msb.scenes import Camera
 
-# Number of samples along each side of a pixel for images of a standard-tier mesh. 4 x 4 samples look similar
-# to the multisampling of an engine.
+# Number of samples along each side of a pixel for standard-tier images. 4 x 4 samples look similar to the
+# multisampling of an engine.
 SAMPLES_PER_SIDE = 4
 
 
-# A pixel shows the model if its alpha is at least half a level of 8 bits.
+# A pixel belongs to the model if its alpha is at least half of 1 / 255.
 _MIN_ALPHA = 0.5 / 255
 
 
@@ -83,7 +83,7 @@ class ImageSource:
         return self.native_images([camera.scaled(scale) if scale > 1 else camera for camera in cameras])
 
     def native_images(self, cameras: Sequence[Camera]) -> ViewImages:
-        """Return the native renderings of cameras; each image is drawn on first use."""
+        """Return the native renderings of cameras. Each image is drawn on first use."""
         backgrounds = [self._views.background_of(camera) for camera in cameras]
 
         def draw(camera: Camera) -> NDArray[np.uint16]:
@@ -122,7 +122,7 @@ class ImageSource:
         return ground_truth(self._views.scene, camera)
 
     def release(self) -> None:
-        """Free the memory of the renderer on the device; the next rendering opens the renderer again."""
+        """Free the memory of the renderer on the device. The next rendering opens the renderer again."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None

@@ -20,18 +20,18 @@ from msb.bake.space import Space
 from msb.bake.surface_distance import measure_distances, sample_surface
 from msb.meshes.mesh import Mesh
 
-# Number of rows of a full-HD screen, at which a level is judged. On such a screen, the geometric error of a
-# level must be below a pixel.
+# A level of detail is evaluated on a full-HD screen with this number of pixel rows. On such a screen, the
+# geometric error of a level must be below a pixel.
 SCREEN_ROWS = 1080
-# The error of a level is this percentile of the errors at the sample points, so that a few outliers do not
-# decide.
+# The error of a level is this percentile of the errors at the sample points. A few outliers therefore have no
+# influence.
 _ERROR_PERCENTILE = 95.0
-# Smallest share of a soup's faces that one reduction stage keeps; the kept faces are moved afterwards. With
+# One reduction stage keeps at least this share of the faces of a soup. The kept faces are then moved. With
 # stages of this size, a level with 50 % of the faces loses 0.1 to 0.3 dB. With stages that hid more faces,
 # such a level lost up to 0.6 dB.
 _STAGE_SHARE = 0.5
-# Number of steps that move the remaining faces of a soup after a stage, or the vertices of a surface. With
-# 300 steps instead of 200, a level of a walled scene gains 0.2 dB.
+# A soup's remaining faces, or a surface's vertices, move in this number of steps. With 300 steps instead of
+# 200, a level of a walled scene gains 0.2 dB.
 _STEPS = 300
 # Length of a soup's descent step at the start and at the end, relative to the size of a face. Small last
 # steps preserve the gain of the first steps.
@@ -78,8 +78,8 @@ def _reduce_soup(
     notes: list[str] = []
     seconds = level_seconds
     for stage, (count, left) in enumerate(stages):
-        # Images with fewer pixels suffice for larger faces. With 1/8 of the faces, images of `PIXELS_TO_MOVE`
-        # pixels are large enough.
+        # Larger faces need fewer image pixels. With 1/8 of the faces, images of `PIXELS_TO_MOVE` pixels are
+        # large enough.
         pixels = 8 * PIXELS_TO_MOVE * count // whole
         with context.limited_to(pixels).open_renderers(soup) as (renderer, validation):
             # Hide unseen faces first, then the least useful ones.
@@ -135,20 +135,20 @@ def _reduce_open(
 
 
 def _report_step(context: SearchContext, stage: int, stages: int, step: int, _steps: int) -> bool:
-    """Report the progress within a stage; return whether to stop."""
+    """Report the progress within a stage. Return whether to stop."""
     return _report_progress(context, stage, stages, step, context.count_steps(_STEPS))
 
 
 def _report_progress(context: SearchContext, level: int, levels: int, done: int, total: int) -> bool:
-    """Report the progress over all levels; return whether to stop."""
+    """Report the progress over all levels. Return whether to stop."""
     return context.progress("levels of detail", level * total + done, levels * total)
 
 
 def _plan_stages(faces: int, counts: Sequence[int]) -> list[tuple[int, int]]:
     """Return the stages as pairs: the number of faces, and the number of stages until the next level.
 
-    The second number is 1 if the stage itself completes a level of detail. The numbers of faces fall from
-    `faces` through all `counts`. A stage never keeps less than `_STAGE_SHARE` of the faces.
+    The second number is 1 if this stage completes a level of detail. The numbers of faces fall from `faces`
+    through all `counts`. A stage never keeps less than `_STAGE_SHARE` of the faces.
     """
     stages: list[tuple[int, int]] = []
     for count in counts:
@@ -160,12 +160,12 @@ def _plan_stages(faces: int, counts: Sequence[int]) -> list[tuple[int, int]]:
 
 
 def measure_screen_share(mesh: Mesh, lod: Mesh, *, rows: int = SCREEN_ROWS) -> float:
-    """Return the largest height of the model, relative to the image, at which `lod` replaces `mesh`.
+    """Return the largest relative height of the model in an image at which `lod` can replace `mesh`.
 
-    In an image of `rows` rows at this height, 95 % of the points of either surface are less than a pixel away
-    from the other surface. The height of the model is the diameter of its bounding sphere. The bounding
-    sphere has the centre of the model's bounding box, and contains the farthest vertex. The returned share is
-    at most 1. Colour differences are not measured.
+    At this height, 95 % of the points of each surface are less than a pixel from the other surface. The image
+    has `rows` rows. The height of the model is the diameter of its bounding sphere. The bounding sphere has
+    the centre of the model's bounding box, and contains the farthest vertex. The result is at most 1. Colour
+    differences are not measured.
     """
     # Distances between the two surfaces in both directions.
     ends = [(part.vertices.astype(np.float64), part.faces) for part in (mesh, lod)]

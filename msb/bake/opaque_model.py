@@ -16,10 +16,10 @@ from msb.meshes.assets import mesh_from_asset, with_vertex_colors
 from msb.meshes.charts import with_sampled_colors
 from msb.meshes.mesh import Mesh
 
-# Limits, tried in this order, for the ratio of a face's blending weight to the number of pixels that the
-# opaque face covers. Faces below the limit are pruned, because the faces behind them contribute more to
-# native renderings. The validation images decide which limit is best. A limit of 0.25 was best for a walled
-# scene and for a garden. Limits above 0.4 open holes.
+# These limits apply to a ratio: the blending weight of a face, divided by the number of pixels that the
+# opaque face covers. The limits are tried in this order. Faces with a smaller ratio are pruned, because the
+# faces behind them contribute more to native renderings. The validation images decide which limit is best.
+# The value 0.25 was best for a walled scene and for a garden. Limits above 0.4 open holes.
 WEIGHT_RATIOS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35)
 # A face is near a camera if its distance is below this share of the median distance of the visible faces.
 _NEAR_SHARE = 0.25
@@ -29,7 +29,7 @@ _VIEW_STEP = 2
 
 
 def hide_stray_faces(soup: Soup, renderer: SoupRenderer, best: BestState) -> Soup:
-    """Hide the stray faces of a soup; return the best state.
+    """Hide the stray faces of a soup. Return the best state.
 
     Faces that no training view shows are always hidden, because no image determines their place and colour.
     Faces that only a single view shows, and faces near a camera, are often haze that became opaque. Faces of
@@ -40,8 +40,8 @@ def hide_stray_faces(soup: Soup, renderer: SoupRenderer, best: BestState) -> Sou
     depths = []
     centers = soup.corners.mean(axis=1, dtype=np.float64)
     soup.upload(renderer)
-    # The number of views (F,) that show each face, and the smallest distance (F,) from a camera that sees the
-    # face.
+    # Count the views (F,) that show each face, and find the smallest distance (F,) from a camera that sees
+    # the face.
     for number, camera in enumerate(renderer.images.cameras):
         shown = renderer.sum_faces([number], gradients=False).max_pixels > 0
         distance = np.linalg.norm(centers[shown] - camera.center, axis=1)
@@ -75,8 +75,8 @@ def prune_faces(
 ) -> None:
     """Prune faces of `soup` that cover far more pixels than they contribute to native renderings.
 
-    `best` keeps the state with the smallest validation error. Without `weights` no face is pruned. A face has
-    the average colour of the pixels that show it, until its colour is fitted.
+    The object `best` keeps the state with the smallest validation error. Without `weights` no face is pruned.
+    A face has the average colour of the pixels that show it, until its colour is fitted.
     """
     if weights is not None:
         # Blending weights (F,) in pixels. The weights were measured in images of another size, so scale them

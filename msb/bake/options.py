@@ -23,7 +23,7 @@ Material = Literal["unlit", "lit"]
 CollisionKind = Literal["mesh", "hulls", "box"]
 Effort = Literal["draft", "normal", "fine"]
 
-# Effort -> number of steps of each search, relative to the normal number of steps.
+# Relative number of steps of a search for each `effort`.
 _STEPS: dict[str, float] = {"draft": 0.25, "normal": 1.0, "fine": 2.5}
 
 # Number of faces of a tetrahedron, the smallest closed mesh.
@@ -34,7 +34,7 @@ _MAX_COLLISION_SIZE = 1 << 20
 
 @dataclass(frozen=True)
 class BakeOptions:
-    """Options for the result, the images and the time of a bake; `msb.bake` describes each option.
+    """Options for the result, the images and the time of a bake. `msb.bake` describes each option.
 
     Raises
     ------
@@ -184,12 +184,15 @@ class BakeOptions:
 
     @property
     def lod_shares(self) -> tuple[float, ...]:
-        """The levels of detail as falling shares of the faces; empty by default."""
+        """The levels of detail as falling shares of the faces. The value is empty by default."""
         return () if self.lods is None else parse_lods(self.lods)
 
     @property
     def frame(self) -> Frame | None:
-        """The given up direction and unit, without the floor; None if neither is given."""
+        """The up direction and the unit from the options, without the floor.
+
+        The value is None if neither option is given.
+        """
         return make_frame(self.up, self.scale, self.known_distance)
 
     @property
@@ -270,7 +273,7 @@ def parse_collision(text: str) -> tuple[CollisionKind, int]:
 
 
 def need_libraries(options: BakeOptions) -> None:
-    """Reject the geometry `surface` if libraries are missing; the error names all missing extras."""
+    """Reject the geometry `surface` if libraries are missing. The error names all missing extras."""
     if options.makes_surface:
         hulls = options.collision is not None and parse_collision(options.collision)[0] == "hulls"
         trial = ["fast_simplification", "xatlas", *(["coacd"] if hulls else [])]

@@ -1,8 +1,8 @@
 """An outer skin makes the surface of an interior a solid with walls.
 
-The surface of a scene encloses the free space around the cameras: its faces look inwards and its volume is
-negative. Booleans, 3D printing and physics need a solid with a positive volume. The skin is a second closed
-surface around the first surface, with faces that look outwards. The first surface itself is not changed.
+The surface of a scene encloses the free space around the cameras. Therefore the faces of the surface look
+inwards, and its volume is negative. Booleans, 3D printing and physics need a solid with a positive volume.
+The skin is a second closed surface around the first surface, with faces that look outwards.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ def is_interior(mesh: Mesh) -> bool:
 def add_outer_skin(mesh: Mesh, thickness: float) -> Mesh:
     """Append an outer skin to the vertices and faces of `mesh`, and return the result.
 
-    In each direction from the middle, the skin lies behind the farthest point of the surface, at a distance
-    of `thickness` times the distance of that point. So the outer skin never touches the surface. The skin is
-    grey, or has the colour of one texel.
+    In each direction from the middle, the surface has a farthest point. The skin lies behind this farthest
+    point. The skin is behind this point by `thickness` times the distance of the point from the middle. The
+    skin is grey, or has the colour of one texel.
     """
     points = mesh.vertices.astype(np.float64)
     middle = np.median(points[np.unique(mesh.faces)], axis=0)
@@ -81,7 +81,7 @@ def _make_sphere() -> tuple[Floats, Ints]:
     )
     faces[inward] = faces[inward][:, ::-1]
     for _ in range(_SUBDIVISIONS):
-        # Halve the edges: (3F,) is the number of the new point at the middle of each side.
+        # Halve the edges. `number` (3F,) is the number of the new point in the middle of each side.
         sides = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
         ends, number = np.unique(sides, axis=0, return_inverse=True)
         ab, bc, ca = (len(points) + number.reshape(-1, 3)).T
@@ -120,7 +120,7 @@ def _find_farthest(corners: Floats, directions: Floats, faces: Ints) -> Floats:
     radius = np.zeros(len(directions))
     np.maximum.at(radius, nearest, length)
     radius[radius == 0] = length.max()
-    # Use the maximum over the neighbours, so that faces between two directions lie beyond the points there.
+    # Use the maximum over the neighbours, so that the faces of the skin lie behind all points.
     largest = radius.copy()
     sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     np.maximum.at(largest, sides[:, 0], radius[sides[:, 1]])

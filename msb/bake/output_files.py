@@ -1,4 +1,4 @@
-"""The files of a bake: several formats are written at once, all or none."""
+"""The files of a bake in several formats. Either all files are written, or none."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
     WriteFile = Callable[[BinaryIO], object]
 
-# The smallest mesh with a texture, used to list the files of a textured mesh. The smallest textured mesh
-# needs the same additional files as any textured mesh.
+# The smallest mesh with a texture, used to list the files of a textured mesh. Any textured mesh needs the
+# same additional files.
 _SMALLEST_TEXTURED = Mesh(
     np.zeros((3, 3), np.float32),
     np.arange(3)[None],
@@ -40,8 +40,8 @@ _SMALLEST_TEXTURED = Mesh(
 class OutputAsset(NamedTuple):
     """An asset of a bake, the ending of its file name, and the `extras` in its GLB.
 
-    `collision` is the collision shape that a USD stage includes, and `is_convex` whether its parts are
-    convex. With `is_lit`, other programs light the materials.
+    The field `collision` is the collision shape that a USD stage includes. The field `is_convex` states
+    whether its parts are convex. With `is_lit`, other programs light the materials.
     """
 
     ending: str
@@ -90,16 +90,16 @@ def list_output_files(paths: Sequence[Path], endings: Sequence[str] = ("",)) -> 
 def write_assets(
     assets: Sequence[OutputAsset], paths: Sequence[Path], overwrite: bool = False
 ) -> list[tuple[Path, int]]:
-    """Write assets to all paths in the formats of their suffixes; if one file fails, write no file.
+    """Write assets to all paths in the formats of their suffixes. If one file fails, write no file.
 
-    Returns, for each asset, its file at the first path and a size in bytes. The size includes additional
+    For each asset, returns its file at the first path and the size in bytes. The size includes additional
     files that this file needs.
     """
     if not paths:
         raise UsageError("USAGE", "missing output; pass a path to write to")
     list_output_files(paths, [asset.ending for asset in assets])
     writes: list[tuple[Path, WriteFile]] = []
-    # For each asset at the first path: the file, and the number of files up to this file.
+    # For each asset at the first path, store the file and the number of files up to this file.
     main: list[tuple[Path, int]] = []
     for path in paths:
         for asset in assets:
@@ -140,7 +140,7 @@ def _plan_writes(output: OutputAsset, place: Path) -> list[tuple[Path, WriteFile
 
 
 def _split_parts(mesh: Mesh) -> tuple[Mesh, ...]:
-    """Return the parts of a mesh; different parts share no vertex."""
+    """Return the parts of a mesh. Different parts share no vertex."""
     label = label_parts(mesh.vertices, mesh.faces)
     return tuple(with_faces(mesh, label == number) for number in np.unique(label))
 

@@ -40,15 +40,15 @@ from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.topology.faces import face_areas
 
-# Share of the option `seconds` for moving fitted triangles, and for making one level of detail.
+# The movement of fitted triangles, and each level of detail, may take this share of `seconds`.
 _FITTED_SHARE = 2 / 3
-# Share of the option `seconds` for each of the two searches of a surface. The first search fits the soup that
-# the depth maps show, and the second search moves the vertices. Together with the steps that have no time
-# limit, a surface takes 1.5 times as long as fitted triangles.
+# Each of the two searches of a surface may take this share of `seconds`. The first search fits the soup for
+# the depth maps, and the second search moves the vertices. Together with the steps that have no time limit, a
+# surface takes 1.5 times as long as fitted triangles.
 _SURFACE_SHARE = 0.4
-# Smallest time limit of a search in seconds. Even a search with this limit makes a single step.
+# Smallest time limit of a search in seconds. A search with this limit still makes a single step.
 _MIN_SECONDS = 1e-3
-# A texture of half the size is used if it costs at most this number of dB, averaged over images with 1 and
+# The texture is halved if this loses at most this number of dB. The loss is averaged over images with 1 and
 # with 16 samples per pixel.
 _MAX_TEXTURE_LOSS = 0.02
 _SAMPLES = (1, SAMPLES_PER_SIDE)
@@ -58,8 +58,8 @@ _MIN_TEXTURE_SIDE = 256
 # needs about 4 texels.
 _TEXELS_PER_FACE = 8
 # Scale of the training images: their width and height relative to the views. If the training images have the
-# size of the views, a texture looks blurred in the views. Moved faces also followed the aliasing of training
-# images of that size, which lowered PSNR by 1.3 dB.
+# size of the views, a texture looks blurred in the views. In addition, moved faces followed the aliasing of
+# such images, which lowered PSNR by 1.3 dB.
 _IMAGE_SCALE = 2
 _SOLID_CANDIDATES: tuple[Geometry, ...] = ("fitted", "surface")
 _OPAQUE_NOTE = (
@@ -68,9 +68,10 @@ _OPAQUE_NOTE = (
 
 
 def _choose_texture_side(whole: int, share: float, faces: int) -> int:
-    """Return the side in texels of a level's texture: a power of two for this `share` of the texels.
+    """Return the side of a level's texture in texels.
 
-    Each of the `faces` gets a few texels, at most as many as in the whole texture.
+    The side is a power of two. The argument `share` is the level's share of the texels. Each of the `faces`
+    gets a few texels. The level's texture is never larger than the whole texture.
     """
     least = min(whole, 1 << math.ceil(math.log2(math.sqrt(_TEXELS_PER_FACE * max(faces, 1)))))
     return max(least, 1 << int(math.log2(whole * math.sqrt(share)) + 1e-9))
@@ -121,7 +122,7 @@ class BakePipeline:
         self._is_splat = asset.manifest.primitive == "gaussian"
         self._pixels = max(camera.width * camera.height for camera in views.all_but_test)
         self._images = source.training_images(views.all_but_test, self._choose_image_scale())
-        # Validation views come last; without validation views, the training views validate as well.
+        # Validation views come last. Without validation views, use the training views for the validation.
         first = range(len(views.all_but_test) - len(views.validation))
         self._training = self._images.select(first)
         self._validation = self._images.select(range(len(first), len(views.all_but_test)) or first)
@@ -143,9 +144,9 @@ class BakePipeline:
         """Return the scale of the training images relative to the views.
 
         Larger images show the borders of faces more precisely, so the training images are larger than small
-        views. A scale of 1 suffices if no face moves, no texture is fitted, and faces cover enough pixels.
-        Images at scale 1 are rendered in a quarter of the time. Gaussians are dilated by a part of a pixel,
-        so in larger images the Gaussians would be thinner.
+        views. Use the scale 1 if no face moves, no texture is fitted, and faces cover enough pixels. Images
+        at scale 1 are rendered in a quarter of the time. Renderers dilate Gaussians by a part of a pixel, so
+        the Gaussians are thinner in larger images.
         """
         if self._is_splat:
             return 1
@@ -189,7 +190,7 @@ class BakePipeline:
         weights: BlendingWeights | None,
         stopped: Callable[[], bool],
     ) -> tuple[Mesh, Choice]:
-        """Make the named candidates; return the chosen candidate with its final colours."""
+        """Make the named candidates. Return the chosen candidate with its final colours."""
         candidates: dict[Geometry, Mesh] = {}
         candidate_notes: dict[Geometry, list[str]] = {}
         for name in names:
@@ -235,7 +236,8 @@ class BakePipeline:
     def _choose_texture_size(self, name: Geometry, mesh: Mesh) -> int:
         """Return the number of texels along a side: the default, or less at the same quality.
 
-        Too many texels cost bytes, and an engine with single samples then misses some texels.
+        A texture with too many texels wastes bytes and causes aliasing in engines that take one sample per
+        pixel.
         """
         targets = [self._validation.limited_to(self._pixels)]
 
@@ -295,7 +297,7 @@ class BakePipeline:
         options = self._options
         if options.geometry != "auto":
             return [options.geometry], []
-        if self._is_splat:  # The stand-in triangles of Gaussians are not a candidate.
+        if self._is_splat:  # Gaussians have stand-in triangles, which are not used as a candidate.
             return ["surface"], []
         if options.for_solid:
             if self._context.shows_model_mesh and options.faces is None and _is_solid(self._asset):
@@ -335,8 +337,8 @@ class BakePipeline:
                 pixels=self._pixels,
                 seconds=self._limit_seconds(_SURFACE_SHARE),
             )
-        # `--faces` limits the surface itself. `--faces` does not limit the soup that the surface is made
-        # from.
+        # `--faces` limits the surface itself. `--faces` does not limit the soup from which the surface is
+        # made.
         budget = options.faces if name == "fitted" else None
         if budget not in self._soups:
             seconds = self._limit_seconds(_FITTED_SHARE if name == "fitted" else _SURFACE_SHARE)
@@ -365,7 +367,7 @@ class BakePipeline:
     ) -> tuple[list[tuple[LodReport, Mesh]], list[str]]:
         """Return the levels of detail of the chosen mesh, and notes for the user.
 
-        The number of texels falls with the number of faces, to the next lower power of two along a side.
+        The number of texels falls with the number of faces. The side is rounded down to a power of two.
         """
         if not shares:
             return [], []
@@ -403,15 +405,14 @@ class BakePipeline:
     ) -> Mesh:
         """Return the final mesh for files, with colours fitted to the images.
 
-        Vertex colours are rounded to bytes. A texture has `size` texels along a side; the default is the
+        Vertex colours are rounded to bytes. A texture has `size` texels along a side. The default is the
         option `texture`.
         """
         cameras = images.limited_to(_IMAGE_SCALE**2 * self._pixels).cameras
         images = images.with_coarser_levels(self._pixels)
         self._progress("colours", 0, 1)
         is_textured = target == "texture"
-        # The vertex colours are either the result or the initial texture. For an initial texture, colours
-        # that are fitted to few images suffice.
+        # An initial texture only needs colours that are fitted to a few images.
         mesh = fit_vertex_colors(mesh, select_first_pass(images) if is_textured else images, self._device)
         if is_textured:
             self._progress("texture", 0, 1)

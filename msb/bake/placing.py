@@ -19,9 +19,10 @@ _SIDE = 320
 def choose_frame(
     model: Asset, baked: Asset, views: BakeViews, options: BakeOptions, device: str | None
 ) -> Frame | None:
-    """Return the frame of the baked asset; None if it would add nothing to the frame of the model.
+    """Return the coordinate frame of the baked asset.
 
-    The up direction is given, else taken from the model, else estimated from the cameras of the scene.
+    Return None if this frame equals the frame of the model. The up direction is given, else taken from the
+    model, else estimated from the cameras of the scene.
     """
     frame = options.frame or Frame()
     if frame.up is None and views.scene is not None and model.manifest.coordinate_frame.known_up is None:
@@ -42,13 +43,16 @@ def move_frame(frame: Frame | None, origin: Origin) -> Frame | None:
 def _find_floor(
     baked: Asset, views: BakeViews, up: tuple[float, float, float], device: str | None
 ) -> float | None:
-    """Return the lowest height along `up` that at least two views show; None if no surface is visible."""
+    """Return the lowest height along `up` that at least two views show.
+
+    Return None if no surface is visible.
+    """
     lowest, direction = [], np.array(up)
     with Renderer(baked, "standard", device) as renderer:
         for camera in (*views.training, *views.validation, *views.test):
             small = camera.scaled(min(1.0, _SIDE / max(camera.width, camera.height)))
             depth = renderer.render(small, views.background).depth
-            assert depth is not None  # the standard tier has depths
+            assert depth is not None  # The standard tier renders depths.
             # Height (n,) of the surface at each covered pixel.
             rows, columns = np.nonzero(np.isfinite(depth) & (depth > 0))
             z = depth[rows, columns].astype(np.float64)

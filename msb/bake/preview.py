@@ -18,7 +18,7 @@ from msb.views import spread_evenly
 
 # Number of rows of the preview image. Each row of the preview shows one view.
 _VIEWS = 2
-# Number of pixels of the largest image; three columns of this size fit on a screen.
+# Number of pixels of the largest image. Three columns of this size fit on a screen.
 _MAX_PIXELS = 1 << 18
 
 
@@ -77,7 +77,7 @@ def make_preview(
 
 
 def _join_columns(columns: list[list[Singles]], background: tuple[float, float, float]) -> Singles:
-    """Join columns of images; the images of one row must have the same size."""
+    """Join columns of images. The images of one row must have the same size."""
     width = max(image.shape[1] for image in columns[0])
     heights = [image.shape[0] for image in columns[0]]
     joined = np.full((sum(heights), len(columns) * width, 3), background, np.float32)

@@ -23,8 +23,8 @@ def measure_quality(
 ) -> tuple[Psnr | None, Psnr | None]:
     """Return the PSNR of a baked asset on the test views, compared with native renderings and photographs.
 
-    Both results are None without a test view, or if the model covers too few pixels. The PSNR to photographs
-    is None without a scene.
+    Both results are None without test views. Both results are also None if the model covers too few pixels.
+    The PSNR to photographs is None without a scene.
     """
     test = views.test
     if not test or views.why_not_judged is not None:
@@ -56,8 +56,8 @@ def _measure_model_only(
 ) -> float:
     """Return the average PSNR in dB over the pixels that the model or the baked mesh covers.
 
-    `covered` has the coverage masks (H, W) of the model. Pixels that neither mesh covers show the background
-    in both images.
+    The argument `covered` has the coverage masks (H, W) of the model. Pixels that neither mesh covers show
+    the background in both images.
     """
     values = []
     with closing(StandardRenderer(baked, device=device, supersample=SAMPLES_PER_SIDE)) as renderer:
@@ -71,7 +71,7 @@ def _measure_model_only(
 def measure_psnr(
     asset: Asset, targets: Sequence[ViewImages], samples: int, device: str | None
 ) -> list[float]:
-    """Return the average PSNR in dB of standard-tier images to each set of target images.
+    """Return the average PSNR in dB between standard-tier images and each set of target images.
 
     All sets of target images have the same cameras. The drawn images have `samples` samples along each side
     of a pixel.

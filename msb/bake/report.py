@@ -48,7 +48,10 @@ class Psnr:
         return self.before is not None and self.after_16 < self.before
 
     def to_dict(self, *, is_to_native: bool) -> dict[str, float | None]:
-        """Return the quality as JSON data; the keys `native` and `model_only_16` depend on the reference."""
+        """Return the quality as JSON data.
+
+        The supervision determines whether `native` or `model_only_16` is present.
+        """
         values = asdict(self)
         del values["native" if is_to_native else "model_only_16"]
         return values
@@ -140,7 +143,7 @@ class CollisionReport:
 
 @dataclass(frozen=True)
 class ShapeReport:
-    """The shape of a connected mesh (`msb.bake.shape`), and its difference from a true surface."""
+    """The shape of a connected mesh, and its difference from a true surface (`msb.bake.shape`)."""
 
     bending: Bending
     truth: TrueShape | None = None
@@ -160,7 +163,7 @@ class ShapeReport:
         if self.truth is None:
             return text
         if math.isnan(self.truth.mean):
-            return f"{text}; no pixel shows the true surface at the same depth"
+            return f"{text}; no pixel shows both surfaces at the same depth"
         return (
             f"{text}; angle to the true normals {self.truth.mean:.1f} degrees on average (median "
             f"{self.truth.median:.1f}, {100 * self.truth.above_30:.0f} % of pixels above 30 degrees); "
@@ -342,8 +345,7 @@ class Report:
     def extras(self) -> dict[str, Any]:
         """Return the main numbers of the report, which are stored in a GLB.
 
-        The main numbers contain no path, time or device. Bakes with equal results therefore write equal
-        files.
+        The main numbers contain no path, time or device. Equal bakes therefore write equal files.
         """
         names = ("schema", "geometry", "color", "faces", "texture", "views", "unseen_area", "psnr")
         data = self.to_dict()
@@ -362,7 +364,7 @@ def list_quality_notes(supervision: Supervision, native: Psnr | None, photograph
 
 
 def list_coverage_notes(views: BakeViews, unseen_area: float) -> list[str]:
-    """Return notes if the views show too little of the model, or show it too small."""
+    """Return notes if the views show too little of the model, or if the model is too small in the views."""
     notes = [] if views.why_not_judged is None else [f"quality was not measured: {views.why_not_judged}"]
     if views.is_generated and 1 - unseen_area < MIN_SEEN_SHARE:
         kind = "inside" if views.origin == "turntable" else "outside"
@@ -378,7 +380,7 @@ def describe_choice(tried: Mapping[str, float]) -> str:
 
 
 def average_psnr(values: Sequence[float]) -> float:
-    """Return the average of PSNRs in dB; an infinite PSNR is replaced by the cap of the metric."""
+    """Return the average PSNR in dB, with infinite values replaced by the cap of the metric."""
     from msb.metrics.images import PSNR_CAP
 
     return sum(min(value, PSNR_CAP) for value in values) / len(values)

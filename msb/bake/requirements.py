@@ -45,9 +45,9 @@ def check_model(options: BakeOptions, asset: Asset) -> None:
         return
     kind, _ = parse_collision(options.collision)
     modules = ("fast_simplification", "coacd") if kind == "hulls" else ("fast_simplification",)
-    # Kept triangles without a boundary stay closed, because a repair cuts and turns faces, but opens no
-    # holes. All meshes except closed kept triangles are enclosed by a closed surface first. A single error
-    # names the missing extras of both steps.
+    # Kept triangles without a boundary stay closed, because the repair does not open holes. All meshes except
+    # closed kept triangles are enclosed by a closed surface first. If both steps need missing extras, a
+    # single error names all extras.
     is_open = options.geometry != "kept"
     if not is_open:
         welded = weld_vertices(points, faces, "exact")
@@ -64,9 +64,8 @@ def need_enclosure() -> None:
 def _fits_vertices(asset: Asset) -> bool:
     """Return whether vertex colours can show the colours of the model.
 
-    Vertex colours cannot show colours that vary within a face, or uniform faces that share vertices. If
-    xatlas is missing, models whose faces share vertices always get vertex colours, because xatlas makes their
-    texture.
+    Vertex colours cannot show colours that vary within a face, or uniform faces that share vertices. Without
+    xatlas, models with shared vertices always get vertex colours, because xatlas makes their texture.
     """
     if why_not(asset.manifest, "standard") is not None:
         return False

@@ -78,7 +78,7 @@ class Baked:
     material: Material = "unlit"
 
     def save(self, *paths: str | os.PathLike[str], overwrite: bool = False) -> Report:
-        """Write the asset to all paths or to none; return the report with the files of the first path.
+        """Write the asset to all paths or to none. Return the report with the files at the first path.
 
         The suffix of a path names its format. A GLB has the report's main numbers in its `asset.extras`.
         Levels of detail and the collision shape are written next to each path: NAME_lod1, NAME_lod2, ...,
@@ -120,14 +120,14 @@ def bake(
     Parameters
     ----------
     asset : Asset or path-like
-        The model, or the path of anything that `msb.open` takes. The asset is not changed.
+        The model, or any path that `msb.open` accepts. The asset is not changed.
     scene : Scene or path-like, optional
         The scene that the model was trained on. Its training views supervise; its test views are only used
         for the report.
     cameras : iterable of Camera, optional
         Views instead of a scene's; every 8th view is held out for the report. Default: the training cameras
-        if their file lies beside the model, else 40 generated views around the model or inside it. Fewer than
-        40 supervising views are completed by interpolated views.
+        if their file lies beside the model, else 40 generated views around the model or inside it. If there
+        are fewer than 40 supervising views, interpolated views are added.
     background : (3,) floats, or str, optional
         As for `msb.render`. Default: the scene's background, else the asset's.
     device : str, optional
@@ -145,8 +145,8 @@ def bake(
     ----------------
     geometry : {"auto", "kept", "fitted", "surface"}, default "auto"
         The model's own triangles, triangles moved until the opaque image matches, or one closed surface for
-        tools that need a solid. "auto" makes kept and fitted triangles, and the validation views choose
-        between them.
+        tools that need a solid. "auto" makes kept triangles and fitted triangles, and chooses the better
+        result on the validation views.
     for_solid : bool, default False
         With "auto": make fitted triangles and a surface, and choose the surface unless its verdict is bad. A
         mesh file with the verdict OK keeps its triangles, unless `faces` is given.
@@ -176,11 +176,11 @@ def bake(
         The number of steps of each search: a quarter of the normal number, the normal number, or 2.5 times
         as many. The result does not depend on the speed or the load of the machine.
     seconds : float, optional
-        Upper limit of the time to move fitted triangles, no limit by default. The total time of a surface is
-        1.5 times `seconds`, and of fitted triangles and a surface together 2 times `seconds`. Each level of
-        detail adds `seconds` to the total time. A note reports the number of skipped steps; the result then
-        depends on the speed of the machine. If `seconds` is 0, triangles move by a single step, and the face
-        selection still runs. The time for `collision` is not included.
+        Upper limit of the time to move fitted triangles, no limit by default. A surface takes about 1.5 times
+        `seconds` in total. Fitted triangles and a surface together take about 2 times `seconds`. Each level
+        of detail adds `seconds` to the total time. A note reports the number of skipped steps. In this case,
+        the result depends on the speed of the machine. If `seconds` is 0, triangles move by a single step,
+        and the face selection still runs. The time for `collision` is not included.
     seed : int, default 0
         Seed of the search. Without a limit of `seconds`, bakes with one seed on one device have the same
         result.
@@ -213,7 +213,7 @@ def bake(
     Unsupported
         `UNSUPPORTED_TIER`: neither the dedicated nor the standard tier can draw the asset.
     AssetError, SceneError, DeviceError, InputError, CheckpointError, MeshFileError, MeshError
-        As `msb.Renderer`, `msb.open` and `msb.scenes.read_scene` do.
+        Errors of `msb.Renderer`, `msb.open` and `msb.scenes.read_scene`.
 
     Examples
     --------
@@ -325,10 +325,10 @@ def _measure_shape(
 
 @contextmanager
 def _catch_interrupt(keep_best: bool) -> Iterator[Callable[[], bool]]:
-    """Yield a function that returns whether to stop; with `keep_best` it returns true after the first Ctrl-C.
+    """Yield a function that returns whether to stop.
 
-    A second Ctrl-C interrupts the program as usual. Only the main thread receives signals; in other threads
-    the function returns false.
+    With `keep_best`, the function returns true after the first Ctrl-C. A second Ctrl-C interrupts the program
+    as usual. Only the main thread receives signals. In other threads the function returns false.
     """
     received: list[int] = []
     if not keep_best or threading.current_thread() is not threading.main_thread():

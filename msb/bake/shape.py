@@ -23,15 +23,16 @@ from msb.topology.faces import face_vectors
 
 # Angle in degrees above which an edge is a crease, and above which a pixel's normal counts as wrong.
 SHARP = 30.0
-# Pixels whose depths differ by more than this share of the size show different parts, and are excluded.
+# If two depths differ by more than this share of the size, the pixel shows different parts. Pixels that show
+# different parts are excluded.
 _MAX_DEPTH_SHARE = 0.05
-# The size is defined by a box; this percentage of the visible points lies outside the box at each side.
+# The size is measured with a box that excludes this percentage of the visible points at each side.
 _TRIM_PERCENT = 1.0
 
 
 @dataclass(frozen=True)
 class Bending:
-    """How strongly the visible part of a surface bends.
+    """Measures of how strongly the visible part of a surface bends.
 
     Attributes
     ----------
@@ -51,7 +52,7 @@ class Bending:
 class TrueShape:
     """A comparison of a surface with a true surface, over the pixels of some views that show both surfaces.
 
-    All numbers except the last two are NaN if no pixel shows both surfaces.
+    All numbers except `excluded` and `outline` are NaN if no pixel shows both surfaces.
 
     Attributes
     ----------
@@ -80,10 +81,10 @@ class TrueShape:
 
 
 def measure_bending(points: Floats, faces: Ints, visible: Mask, size: float = 1.0) -> Bending:
-    """Return the bending of the faces (F, 3) that are `visible` (F,); vertices at one place are joined.
+    """Return the bending of the faces (F, 3) that are `visible` (F,). Vertices at one place are joined.
 
-    `size` is the size S of the visible part in scene units. The ratio of two bendings does not depend on the
-    size.
+    The argument `size` is the size S of the visible part in scene units. The ratio of two bendings does not
+    depend on the size.
     """
     _, place = np.unique(points.astype(np.float32), axis=0, return_inverse=True)
     faces = place.reshape(-1)[faces[visible]]
@@ -172,7 +173,10 @@ def compare_with_truth(
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """A view of a mesh: face numbers (H, W), -1 without a face, and depths (H, W) along the camera's axis."""
+    """A view of a mesh: face numbers (H, W) and depths (H, W) along the camera's axis.
+
+    A pixel without a face has the number -1.
+    """
 
     face: NDArray[np.int32]
     depth: Floats

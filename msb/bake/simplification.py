@@ -13,7 +13,7 @@ from msb.topology import audit_arrays
 from msb.topology.seams import is_closed
 from msb.topology.steps import drop, turn_faces
 
-# Growth of the allowed error per pass of fast_simplification; the default is 7. Slower growth preserves the
+# Growth of the allowed error per pass of fast_simplification. The default is 7. Slower growth preserves the
 # shape better, but the result may exceed the face budget.
 _AGGRESSIVENESS = 5
 
@@ -24,7 +24,7 @@ def is_closed_surface(points: NDArray[Any], faces: Ints) -> bool:
 
 
 def simplify(points: Floats, faces: Ints, count: int) -> tuple[Floats, Ints]:
-    """Reduce a surface to about `count` faces; return points (V, 3) and faces (F, 3).
+    """Reduce a surface to about `count` faces. Return points (V, 3) and faces (F, 3).
 
     A closed surface stays closed, manifold and consistently wound. If no face would remain, more than `count`
     faces are kept. An open surface loses surplus faces at edges with more than two faces.

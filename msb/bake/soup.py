@@ -29,12 +29,15 @@ if TYPE_CHECKING:
 
 
 def find_color_seams(points: NDArray[Any], faces: NDArray[Any]) -> Seams | None:
-    """Return the cut edges of a mesh, or None without a cut; any attribute may differ across a cut."""
+    """Return the cut edges of a mesh, or None if it has no cut.
+
+    Any attribute may differ across a cut edge.
+    """
     return find_seams(points, faces, {"color": np.arange(len(points))[:, None]})
 
 
 def merge_seams(mesh: Mesh) -> Mesh:
-    """Merge the doubled vertices of cuts; return `mesh` itself if it has no cut."""
+    """Merge the doubled vertices of cuts. Return `mesh` itself if it has no cut."""
     seams = find_color_seams(mesh.vertices, mesh.faces)
     if seams is None:
         return mesh
@@ -52,8 +55,8 @@ def is_uncut_soup(points: NDArray[Any], faces: NDArray[Any]) -> bool:
 
     A surface that was cut along all its edges is not a soup.
 
-    Faces that use all vertices one after the other are always a soup, because assets store soups in this way.
-    Corners of faces that use all vertices in order may still coincide by chance.
+    Assets store soups with consecutive vertices. Faces that use all vertices one after the other are
+    therefore always a soup. Corners of faces that use all vertices in order may still coincide by chance.
     """
     if not is_unindexed(faces, len(points)):
         return False
@@ -116,7 +119,7 @@ class Soup:
         if self.shared is None:
             self.colors = color_fit.fit_soup_colors(sums, self.colors, self.selected)
             return
-        # One colour per vertex (V, 3); each corner copies the colour of its vertex.
+        # One colour per vertex (V, 3). Each corner copies the colour of its vertex.
         count = int(self.shared.max()) + 1
         before = np.full((count, 3), 0.5, np.float32)
         before[self.shared.reshape(-1)] = self.colors.reshape(-1, 3)
@@ -130,14 +133,14 @@ class Soup:
         return color_fit.make_edge_laplacian(self.shared, int(self.shared.max()) + 1)
 
     def refit_colors(self, renderer: SoupRenderer, step: int = 1) -> FaceSums:
-        """Fit the colours to every `step`-th view of `renderer`; return the sums over the pixels."""
+        """Fit the colours to every `step`-th view of `renderer`. Return the sums over the pixels."""
         self.upload(renderer)
         sums = renderer.sum_faces(range(0, len(renderer.images), step), gradients=False)
         self.fit_colors(sums)
         return sums
 
     def measure_error(self, renderer: SoupRenderer) -> float:
-        """Return the mean squared error in the views of `renderer`."""
+        """Return the mean squared error over the views of `renderer`."""
         self.upload(renderer)
         return renderer.measure_error()
 
@@ -161,7 +164,8 @@ class Soup:
     def halve(self, times: Ints) -> Self:
         """Return the selected faces, each divided into 2^times pieces.
 
-        `times` has one value for each selected face. A cut halves a piece at the middle of its longest side.
+        The argument `times` has one value for each selected face. A cut halves a piece at the middle of its
+        longest side.
         """
         soup = self.drop_hidden()
         while times.any():
@@ -186,7 +190,7 @@ class Soup:
 
 
 def _quarter(values: Singles) -> Singles:
-    """Divide faces into quarters; return the interpolated values (4F, 3, 3) at the new corners."""
+    """Divide faces into quarters. Return the interpolated values (4F, 3, 3) at the new corners."""
     a, b, c = values.transpose(1, 0, 2)
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
@@ -194,7 +198,7 @@ def _quarter(values: Singles) -> Singles:
 
 
 def _halve(values: Singles) -> tuple[Singles, Singles]:
-    """Divide faces at the middle of their first side; return both halves (F, 3, 3)."""
+    """Divide faces at the middle of their first side. Return both halves (F, 3, 3)."""
     a, b, c = values.transpose(1, 0, 2)
     middle = (a + b) / 2
     return np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)

@@ -25,12 +25,13 @@ from msb.render.standard.renderer import StandardRenderer, view_record
 from msb.render.standard.supersampling import box_mean
 from msb.render.standard.triangles import RECORD_DEFINES
 
-# Sums per face: six products of weights (aa, ab, ac, bb, bc, cc), then red, green, blue times a, b and c.
+# The sums of a face are products of the weights a, b and c of its corners: aa, ab, ac, bb, bc, cc, and red,
+# green and blue times a, b and c.
 SUMS_PER_FACE = 15
 # Work-items of a work-group, for all kernels of this module. All devices support work-groups of this size.
 _GROUP = 64
-# `measure_error` compares averages of blocks with this number of pixels along a side. Most of the error of
-# single pixels comes from edges, and depends on the position of an edge between samples.
+# `measure_error` compares the averages of pixel blocks with this side length. The error of single pixels
+# depends mainly on the subpixel positions of edges.
 _BLOCK = 2
 # Number of bytes of target images that stay on the device. Target images that exceed this size are sent to
 # the device one by one when they are needed.
@@ -44,7 +45,8 @@ class FaceSums(NamedTuple):
     sums: Singles
     # (F,) the largest number of pixels of each face in a single view.
     max_pixels: NDArray[np.uint32]
-    # (F, 3, 3) the derivative of the squared error by the place of each corner, per unit of the scene.
+    # (F, 3, 3) the derivative of the squared error with respect to each corner position, per unit of the
+    # scene.
     gradients: Singles
 
 
@@ -67,7 +69,7 @@ class SupervisedRenderer(StandardRenderer):
         return camera.width * camera.height
 
     def _draw_view(self, number: int) -> tuple[dict[str, Buffer], Buffer, int]:
-        """Queue a rendering; return its buffers, the camera's kernel values, and the number of pixels."""
+        """Queue a rendering. Return its buffers, the camera's kernel values, and the number of pixels."""
         camera = self.images.cameras[number].in_units()
         if number not in self._views:
             self._views[number] = self._device.upload(view_record(camera), "bake views")
@@ -117,8 +119,8 @@ class SoupRenderer(SupervisedRenderer):
     def with_images(self, images: ViewImages) -> SoupRenderer:
         """Return a renderer of the same faces for other images.
 
-        Both renderers share the faces: an update of one renderer changes the other, and closing one closes
-        both.
+        Both renderers share the faces. An update of one renderer changes the other, and closing one renderer
+        closes both.
         """
         other = copy(self)
         other._set_images(images)
@@ -126,7 +128,7 @@ class SoupRenderer(SupervisedRenderer):
 
     @in_turn
     def update(self, corners: Singles, colors: Singles, selected: Mask) -> None:
-        """Set the corners and colours of the faces; hidden faces collapse to a point without pixels."""
+        """Set the corners and colours of the faces. Hidden faces collapse to a point without pixels."""
         placed = np.where(selected[:, None, None], corners, corners[:, :1])
         self._triangles.sources["positions"].write(np.ascontiguousarray(placed.reshape(-1, 3), np.float32))
         self._triangles.sources["colors"].write(np.ascontiguousarray(colors.reshape(-1, 3), np.float32))
@@ -166,7 +168,7 @@ class SoupRenderer(SupervisedRenderer):
         return FaceSums(outputs[0].read(), most.read(), outputs[1].read())
 
     def _sort_pixels(self, planes: dict[str, Buffer], pixels: int) -> tuple[Buffer, Buffer]:
-        """Queue a stable sort of the pixels by their face; return the sorted faces and the sorted pixels."""
+        """Queue a stable sort of the pixels by their face. Return the sorted faces and the sorted pixels."""
         keys = self._scratch("owners", pixels, np.uint32)
         counts = np.uint32(self._count), np.uint32(pixels)
         self._kernels.owners(pixels, _GROUP, planes["face_id"], keys, *counts)
@@ -190,8 +192,8 @@ class SoupRenderer(SupervisedRenderer):
     def measure_changes(self, owner: NDArray[np.int32], proposals: int) -> Floats:
         """Return the increase of the squared error of each stored view that each proposal causes.
 
-        `owner` (F,) is the number of the proposal that a face belongs to, or -1. A pixel's change is assigned
-        to the proposals of the face before and of the face after the change. If a pixel changes between the
+        The argument `owner` (F,) is the proposal number of each face, or -1. A pixel's change is assigned to
+        the proposals of the face before and of the face after the change. If a pixel changes between the
         faces of two proposals, each proposal gets one half. The result (views, proposals) is in squared
         differences of colours in [0, 1], summed over channels and pixels.
         """
@@ -201,7 +203,7 @@ class SoupRenderer(SupervisedRenderer):
         totals = self._scratch("totals", (views, proposals), self._total_type)
         totals.fill(0)
         # Sums are integers, so that the order of additions has no influence. The unit of the integers is as
-        # small as their range allows.
+        # small as the range of the integers allows.
         bits = 62 if self._total_type is np.int64 else 30
         largest = 6.0 * float(np.diff(self._starts).max())
         unit = np.float32(2.0 ** min(32, bits - int(np.ceil(np.log2(largest)))))

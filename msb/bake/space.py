@@ -13,22 +13,22 @@ from msb.bake.arrays import Floats
 if TYPE_CHECKING:
     from msb.scenes import Camera
 
-# A model is a scene, not an object, if more than this share of the visible points is farther from the focus
-# than the cameras are. This share of points allows for some stray faces.
+# A model is a scene if more than this share of the visible points is farther from the focus than the cameras.
+# Otherwise the model counts as an object.
 _SCENE_SHARE = 0.02
 # Radius of the uncontracted part of a scene, in median distances of the cameras from the focus.
 _NEAR_RADIUS = 0.5
-# This percentage of the visible points may lie outside an object's box at each side, because some faces are
+# An object's box may exclude this percentage of the visible points at each side, because some faces are
 # stray.
 _TRIM_PERCENT = 0.1
-# The focus, where the camera axes meet, solves a linear system of equations. If the system's smallest
-# eigenvalue per camera is below this limit, the axes count as parallel.
+# The focus is the point where the camera axes meet. A linear system of equations determines this point.
+# Camera axes count as parallel if the smallest eigenvalue of the system per camera is below this limit.
 _MIN_CONDITIONING = 1e-3
-# Smallest distance of the focus in front of the cameras, relative to the distance of the visible points.
-# The axes of cameras that turn in one place meet at that place, up to rounding.
+# The focus must be at least this far in front of the cameras. The value is relative to the distance of the
+# visible points. The axes of cameras at one place meet at the cameras, up to rounding.
 _MIN_AHEAD = 1e-4
-# If the visible centre is nearer to the cameras than this, in the same unit, the cameras are inside the
-# model.
+# If the visible centre is nearer to the cameras than this, the cameras are inside the model. The value is a
+# share of the distance of the visible points.
 _INSIDE_DISTANCE = 0.5
 # Smallest side of an object's box relative to its longest side, so that a flat object still has a volume.
 _MIN_THICKNESS = 1e-3
@@ -113,10 +113,10 @@ class Space:
         return result
 
     def _stretch(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return two factors (n, 1) by which lengths grow in world coordinates, besides `radius`.
+        """Return two growth factors (n, 1) of lengths in world coordinates, without the factor `radius`.
 
-        The first factor is for lengths perpendicular to the direction to the centre, the second for lengths
-        along this direction.
+        The first factor applies to lengths perpendicular to the direction to the centre. The second factor
+        applies to lengths along this direction.
         """
         size = np.linalg.norm(points, axis=1, keepdims=True)
         if not self.contracted:
@@ -129,7 +129,7 @@ class Space:
 def _find_focus(cameras: Sequence[Camera], ahead: float) -> Floats | None:
     """Return the point nearest to all camera axes.
 
-    Return None unless the point is at least `ahead` in front of each camera.
+    Return None if the point is less than `ahead` in front of a camera.
     """
     # Solve by least squares: the matrix sums the projections perpendicular to each camera axis (3, 3).
     at = np.stack([camera.center for camera in cameras])

@@ -1,4 +1,4 @@
-"""The supervision of a bake: native renderings, photographs, or the better of both."""
+"""The supervision of a bake: native renderings, photographs, or the better of both kinds."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
 from msb.scenes.datasets import Scene, scene_of
 
-# Photographs supervise if they gain at least this number of dB on the photographs of the validation views. A
-# smaller PSNR gain is not worth the loss of the native rendering.
+# Photographs supervise if they gain at least this number of dB in the validation views, compared with the
+# photographs. A smaller PSNR gain is not worth the loss of the native rendering.
 _MIN_GAIN = 0.5
 
 
@@ -57,8 +57,8 @@ def make_best_attempt(
 ) -> tuple[Attempt, dict[str, float], list[str]]:
     """Return the attempt with the better supervision, the validation PSNRs in dB, and notes.
 
-    The PSNR values are compared with photographs, and are empty unless two supervisions were tried. `stack`
-    closes the image sources and the pipelines.
+    The PSNR values are compared with photographs, and are empty unless two supervisions were tried. The exit
+    stack `stack` closes the image sources and the pipelines.
     """
     if inputs.scene is not None and not isinstance(inputs.scene, Scene):
         inputs = replace(inputs, scene=scene_of(inputs.model.manifest, inputs.scene))
@@ -70,7 +70,7 @@ def make_best_attempt(
         "native": native,
         "photographs": _make_attempt(inputs, options, "photographs", stack, stopped),
     }
-    # Compare the two attempts on photographs that did not supervise.
+    # Compare the renderings of both attempts with the photographs of the validation views.
     cameras = [camera for camera in native.views.validation if _has_photograph(camera)]
     psnr = {}
     with native.source.photographs(cameras) as targets:

@@ -8,12 +8,12 @@ from msb.topology.faces import face_areas
 # Number of sample points on a surface. With 20,000 points the standard error of an average distance is below
 # 1 % of its spread.
 POINTS = 20_000
-# Number of random search points on the other surface. Each face of the surface has one search point at its
-# centre. Search points find the nearest faces. With more search points, the nearest face is found more
-# reliably, but the search tree is larger.
+# Number of random search points on the other surface. Each face also has a search point at its centre. Search
+# points find the nearest faces. With more search points, the nearest face is found more reliably, but the
+# search tree is larger.
 _SEARCH_POINTS = 40_000
-# Number of nearest search points per sample point. The exact distance is computed to the faces of all nearest
-# search points, because the nearest search point may not lie on the nearest face.
+# Number of nearest search points per sample point. The exact distance is computed to the faces of all these
+# points, because the nearest search point may not lie on the nearest face.
 _NEIGHBOURS = 12
 
 
@@ -37,9 +37,9 @@ def sample_surface(points: Floats, faces: Ints, count: int = POINTS) -> tuple[Fl
 def measure_distances(places: Floats, points: Floats, faces: Ints) -> Floats:
     """Return the distance (n,) from each place (n, 3) to a surface of points (V, 3) and faces (F, 3).
 
-    The distance to the nearest candidate face is exact. The nearest face may be missing among the candidate
-    faces. If the nearest face is missing, the distance is too large, by far less than the spacing of the
-    search points.
+    The distance to the nearest candidate face is exact. The candidate faces may not include the nearest face.
+    If the nearest face is missing, the distance is slightly too large. The error is far below the spacing of
+    the search points.
     """
     from scipy.spatial import cKDTree
 

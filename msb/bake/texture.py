@@ -1,7 +1,7 @@
 """The texture of a mesh by least squares over the pixels of images.
 
-The equations assume that texels are blended in sRGB and stored without rounding. So the standard tier draws
-the actual image, and the equations give the change of the texels that reduces the remaining error.
+The equations assume that texels are blended in sRGB and stored without rounding. The standard tier renders
+the current image. The equations give the change of the texels that reduces the remaining error.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ if TYPE_CHECKING:
     from msb.cl import Device
 
 # The first pass over the images uses every 6th image, the second pass all images. The second pass corrects
-# rounding and blending, which the equations ignore; few images suffice for the first pass.
+# rounding and blending errors, which the equations ignore.
 FIRST_PASS_STEP = 6
 # Smallest and largest default number of texels along a side. With 256 texels along a side, the demo models
-# lose 0.3 dB; 4096 is the largest texture of many phones.
+# lose 0.3 dB. Many phones support textures of at most 4096 texels.
 _DEFAULT_SIZES = 512, 4096
 # The initial texture is drawn in tiles to limit the memory. Number of texels along a side of a tile.
 _TILE = 1024
@@ -101,8 +101,8 @@ def fit_texture(
         face_textures=None,
         sampler=_SAMPLER,
     )
-    # In each of two passes, sum the equations over the images, solve for the change of the texels, then add
-    # and round the change.
+    # Each of the two passes sums the equations over the images, and solves for the change of the texels. The
+    # change is added to the texture and rounded.
     few = select_first_pass(images)
     total = len(few) + len(images)
     for chosen, before in (few, 0), (images, len(few)):
@@ -144,8 +144,7 @@ def _get_corner_colors(mesh: Mesh, pixels: Floats | None) -> NDArray[Any]:
 def _contract_vertices(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Floats:
     """Return the vertices (V, 3) of a scene with its far parts contracted.
 
-    Without the contraction, a chart from the foreground to the horizon would have the same number of texels
-    per length everywhere.
+    Without the contraction, distant parts of a chart would get as many texels per length as near parts.
     """
     points = find_visible_points(mesh, cameras, device)
     return Space.fit(points, cameras).from_world(mesh.vertices) if len(points) else mesh.vertices
@@ -154,8 +153,8 @@ def _contract_vertices(mesh: Mesh, cameras: Sequence[Camera], device: str | Devi
 def _choose_default_size(pixels: Floats) -> int:
     """Return the default number of texels along a side.
 
-    The number of texels along a side is a power of two and gives about one texel per pixel; `pixels` (F,) are
-    the pixels of each face.
+    The number of texels along a side is a power of two with about one texel per pixel. The argument `pixels`
+    (F,) has the pixels of each face.
     """
     side = float(np.sqrt(np.maximum(pixels, 1).sum()))
     least, most = _DEFAULT_SIZES
@@ -183,7 +182,8 @@ def _draw_initial_texture(
                 tile = np.s_[top : top + height, left : left + width]
                 assert frame.face_id is not None
                 faces[tile], texture[tile] = frame.face_id, np.rint(frame.image * 255)
-    # A face that covers no texel centre is a point; its texel gets the average colour of the face.
+    # A face that covers no texel centre is a point. The texel at this point gets the average colour of the
+    # face.
     x, y = np.clip((uvs[::3] * size).astype(np.int64), 0, size - 1).T
     drawn = np.bincount(faces[faces >= 0], minlength=len(mesh.faces)) > 0
     lost = np.flatnonzero(~drawn & (faces[y, x] < 0))
@@ -204,7 +204,7 @@ def label_charts(mesh: Mesh, uvs: Singles) -> NDArray[np.int32]:
 
     Faces that share a corner in the texture (3F, 2) are in one chart.
     """
-    # Corners at one place of the texture become one node of a graph; these nodes connect the faces.
+    # Corners at one place of the texture become one node of a graph. The nodes connect the faces.
     keys = np.ascontiguousarray(uvs).view(np.uint64).reshape(-1)
     _, point = np.unique(keys, return_inverse=True)
     count = len(mesh.faces)

@@ -1,9 +1,9 @@
 """The normal equations of a texture and its mip levels are stored as stencils and solved on the device.
 
-A pixel that lies on one mip level shows four neighbouring texels; a pixel between two levels shows four
-texels of each level. So a texel is only coupled to its eight neighbours in the same level. A texel of a
-smaller mip level is the average of four texels of the next larger level. The memory therefore grows with the
-number of texels, not with the number of pixels.
+A pixel on one mip level shows four neighbouring texels. A pixel between two levels shows four texels of each
+level. A texel is therefore only coupled to its eight neighbours in the same level. A texel of a smaller mip
+level is the average of four texels of the next larger level. The memory therefore grows with the number of
+texels, not with the number of pixels.
 """
 
 from __future__ import annotations
@@ -40,13 +40,14 @@ _RUN, _RUN_GROUP = 64, 8
 class TextureEquations(OnDevice):
     """The normal equations of a square texture and its mip levels.
 
-    `stencils` (texels, 8) has a row for each texel, level by level. The first five values of a stencil are
-    the sums of products of the texel's weight with the weights of five texels: itself, and the texels to the
-    right, below, below right and below left. The last three values of a stencil are the right sides of red,
-    green and blue. `msb.bake.texture_renderer` computes the sums of the stencils.
+    The field `stencils` (texels, 8) has a row for each texel, level by level. The first five values of a
+    stencil are sums of products of two weights. The first weight belongs to the texel itself. The second
+    weight belongs to the texel itself or to its neighbour to the right, below, below right or below left. The
+    last three values of a stencil are the right sides of red, green and blue. `msb.bake.texture_renderer`
+    computes the sums of the stencils.
 
-    `sides` has the number of texels along a side for each mip level. `starts` has the number of the first
-    texel of each mip level, then the number of all texels.
+    The field `sides` has the number of texels along a side for each mip level. The field `starts` has the
+    number of the first texel of each mip level, then the number of all texels.
     """
 
     def __init__(self, size: int, device: str | Device | None = None) -> None:
@@ -116,7 +117,7 @@ class TextureEquations(OnDevice):
         return result
 
     def _describe_levels(self) -> list[tuple[int, tuple[np.uint32, np.uint32, np.int32]]]:
-        """Return (texels, (first texel, first texel of the next level or 0, side)) for each level."""
+        """For each level, return the number of texels, and (first texel, next first texel or 0, side)."""
         starts = [*map(np.uint32, self.starts[:-1]), np.uint32(0)]
         sides = self.sides.tolist()
         return [(n * n, (starts[k], starts[k + 1], np.int32(n))) for k, n in enumerate(sides)]
@@ -129,7 +130,7 @@ def _sum_partial(partial: Buffer) -> Floats:
 
 
 def _divide(above: Floats, below: Floats) -> Floats:
-    """Return the quotients (3,) of two values per channel; solved channels have 0."""
+    """Return the quotients (3,) of two values per channel. Solved channels have 0."""
     return np.divide(above, below, out=np.zeros(3), where=(above > _ZERO) & (below > 0))
 
 

@@ -15,8 +15,8 @@ from msb.render.device_scope import in_turn
 
 # Work-items of a work-group: for pixels, and for the much smaller number of texel rows.
 _GROUP, _ROW_GROUP = 64, 8
-# Floats per face that bake_texture.cl stores: the linear forms of the face's texture coordinates, and their
-# bounds.
+# Number of floats per face in bake_texture.cl. These values store the linear forms of the face's texture
+# coordinates, and the bounds.
 _FACE_FLOATS = 16
 
 
@@ -34,7 +34,7 @@ class TextureRenderer(SupervisedRenderer):
             ]
 
     def add_equations(self, equations: TextureEquations) -> Iterator[int]:
-        """Add the differences from target images to the equations; yield the number of finished views.
+        """Add the differences from target images to the equations. Yield the number of finished views.
 
         The pixels of a texel are added view by view in a fixed order, so that results are reproducible.
         """
@@ -49,7 +49,10 @@ class TextureRenderer(SupervisedRenderer):
     def _add_view(
         self, number: int, equations: TextureEquations, shape: tuple[Buffer, np.int32, np.int32]
     ) -> None:
-        """Queue the sums over one view; `shape` is (first texels of the levels, size, number of levels)."""
+        """Queue the sums over one view.
+
+        The argument `shape` is (first texels of the levels, size, number of levels).
+        """
         planes, view, count = self._draw_view(number)
         texels = np.uint32(equations.starts[-1])
         # The sort key of a sample is the first of its four texels. A pixel has samples in two neighbouring

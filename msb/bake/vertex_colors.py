@@ -17,10 +17,10 @@ from msb.meshes.mesh import Mesh
 
 
 def fit_vertex_colors(mesh: Mesh, images: ViewImages, device: str | Device | None) -> Mesh:
-    """Return `mesh` with the vertex colours that fit the images best; unseen vertices keep their colours.
+    """Return `mesh` with the vertex colours that fit the images best. Unseen vertices keep their colours.
 
-    If the two copies of a vertex at a cut edge have the same colour, their fitted colours are the same as
-    well. Different fitted colours would make the cut visible.
+    Two copies of a vertex at a cut edge may have the same colour. The fitted colours of both copies must then
+    be equal.
     """
     soup = Soup.from_mesh(mesh, share_colors=True)
     if soup.shared is not None and mesh.vertex_colors is not None:

@@ -50,9 +50,10 @@ def move_vertices(
     random: np.random.Generator,
     schedule: StepSchedule,
 ) -> None:
-    """Move the vertices of `soup` to reduce the error; `points` (V, 3) are their places in `space`.
+    """Move the vertices of `soup` to reduce the error.
 
-    No additional faces cross after the moves. `best` evaluates the state of the soup every few steps.
+    The argument `points` (V, 3) has their places in `space`. The moves do not cause further crossing faces.
+    The object `best` evaluates the state of the soup every few steps.
     """
     from scipy.sparse import identity
     from scipy.sparse.linalg import splu
@@ -60,7 +61,7 @@ def move_vertices(
     assert soup.shared is not None
     faces, count = soup.shared, len(points)
     # `smooth` solves the system (I + SMOOTHING * Laplacian) x = b. The descent changes `variables`, the right
-    # side b of a linear system; the points are its solution x.
+    # side b of a linear system. The points are its solution x.
     bending = identity(count, format="csr") + SMOOTHING * color_fit.make_edge_laplacian(faces, count)
     smooth = splu(bending.tocsc()).solve
     good, variables = points, bending @ points

@@ -27,19 +27,19 @@ from msb.scenes.sets import split_every_8th
 from msb.scenes.walk import fill_gaps
 from msb.views import ChosenViews, check_given_views, find_training_views, generate_views
 
-# Rings of generated views as pairs (degrees above the horizon, number of views), 40 views in all. Rings near
-# the pole are smaller and have fewer views.
+# Each pair gives a ring of generated views: degrees above the horizon, and number of views. The rings have 40
+# views in all.
 RINGS = ((15.0, 18), (40.0, 14), (65.0, 8))
 # Rings of views from below the horizon. Views from below are only generated for mesh files. Training cameras
-# rarely look up from below, so a trained model is arbitrary on its underside.
+# rarely look up from below, so the underside of a trained model is arbitrary.
 RING_BELOW = (-35.0, 12)
-# Rings of generated views for Gaussians, 48 views in all. The last ring of cameras looks up a little, because
-# captures of objects also have such views. The model fills each of these generated views.
+# Rings of generated views for Gaussians, 48 views in all. The lowest cameras look up a little, because object
+# captures also contain such views. The model fills each of these generated views.
 SPLAT_RINGS = ((5.0, 16), (25.0, 14), (50.0, 10), (-12.0, 8))
 _SPLAT_PIXELS = 384 * 768
 # Background colours of generated views, for Gaussians without a recorded background.
 _GREYS: tuple[Color, Color] = ((0.3, 0.3, 0.3), (0.7, 0.7, 0.7))
-# Width and height of generated views in pixels. Small captures for training have about this image size.
+# Width and height of generated views in pixels. Small captures have about this image size.
 _GENERATED_SIZE = 480, 360
 # Number of pixels of the largest view. Larger views are scaled down to limit the time of a bake.
 MAX_PIXELS = 1 << 20
@@ -61,8 +61,8 @@ class BakeViews:
     ----------
     training, validation, test : tuple of Camera
         Training views supervise the fit. Validation views are taken from the training views and decide
-        between results. Test views are held out for the final measurement. One view alone is a training view;
-        with fewer than three training views, there is no validation view.
+        between results. Test views are held out for the final measurement. A single view is a training view.
+        With fewer than three training views, there is no validation view.
     interpolated : tuple of Camera
         Additional training views between the other views, if there are few views.
     origin : {"scene", "given", "training", "turntable", "inside", "both"}
@@ -181,7 +181,7 @@ def choose_bake_views(
 
 
 def _with_two_backgrounds(views: BakeViews) -> BakeViews:
-    """Return the views with two grey backgrounds in turn, so that any model has an outline."""
+    """Alternate between two grey backgrounds, so that the outline of any model is visible."""
     groups = (views.all_but_test, views.test)
     colors = {
         str(camera.name): _GREYS[number % 2] for cameras in groups for number, camera in enumerate(cameras)
@@ -227,7 +227,7 @@ def _choose_scene_views(
 def _generate_views(
     asset: Asset, up: str | None, notes: list[str], device: str | None, kind: ViewKind | None
 ) -> ChosenViews:
-    """Return generated views around an asset or inside it; add a note if the up axis is assumed."""
+    """Return generated views around an asset or inside it. Add a note if the up axis is assumed."""
     framing = find_framing(asset)
     if asset.manifest.primitive == "gaussian" and framing.box is not None:
         outside = make_rings(asset, framing, SPLAT_RINGS, _SPLAT_PIXELS, up)
@@ -247,7 +247,7 @@ def _generate_views(
 
 
 def _drop_blind_views(asset: Asset, views: ChosenViews, device: str | None) -> ChosenViews:
-    """Return the views that show the asset; raise METRIC_NOTHING_SHOWN if no view shows it."""
+    """Return the views that show the asset. Raise METRIC_NOTHING_SHOWN if no view shows it."""
     seeing = views.without_blind(asset, device)
     if not seeing.cameras:
         raise MetricError("METRIC_NOTHING_SHOWN", seeing.blind_message, file=asset.opened_from)
@@ -255,7 +255,7 @@ def _drop_blind_views(asset: Asset, views: ChosenViews, device: str | None) -> C
 
 
 def _limit_size(cameras: Sequence[Camera], notes: list[str]) -> list[Camera]:
-    """Return the cameras, scaled down to at most `MAX_PIXELS`; add a note about scaled cameras."""
+    """Return the cameras, scaled down to at most `MAX_PIXELS`. Add a note about scaled cameras."""
     scale = [min(1.0, math.sqrt(MAX_PIXELS / (view.width * view.height))) for view in cameras]
     scaled = [
         view.scaled(factor) if factor < 1 else view for view, factor in zip(cameras, scale, strict=True)
@@ -277,10 +277,10 @@ def _split(
     notes: list[str],
     interpolate: bool = True,
 ) -> BakeViews:
-    """Return the views of a bake; split off validation views and add interpolated views.
+    """Return the views of a bake. Split off validation views and add interpolated views.
 
-    `training` and `test` are the training and test views of `chosen`. With photographs, `interpolate` must be
-    false.
+    The arguments `training` and `test` are the training and test views of `chosen`. With photographs,
+    `interpolate` must be false.
     """
     count = len(training)
     fitting, validation = split_every_8th(training) if count >= _MIN_VIEWS_TO_SPLIT else (training, [])

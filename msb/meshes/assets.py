@@ -49,7 +49,7 @@ def asset_from_mesh(mesh: Mesh, *, origin: Origin | None = None) -> Asset:
 
 
 def make_mesh_buffers(mesh: Mesh, origin: Origin | None = None) -> MeshBuffers:
-    """Return the asset buffers of `mesh`; see `asset_from_mesh`.
+    """Return the asset buffers of `mesh`. See `asset_from_mesh`.
 
     Vertex colours take precedence over face colours. Textures are kept with their coordinates.
     """
@@ -90,7 +90,10 @@ def make_mesh_buffers(mesh: Mesh, origin: Origin | None = None) -> MeshBuffers:
 def _needs_keys(
     positions: NDArray[np.float32], buffers: dict[str, NDArray[Any]], domains: dict[str, Domain]
 ) -> bool:
-    """Return whether two vertices have equal positions and attributes; only then seam keys have an effect."""
+    """Return whether two vertices have equal positions and attributes.
+
+    Otherwise, seam keys have no effect.
+    """
     stored = [buffers[name] for name, domain in domains.items() if domain == "vertex"]
     rows = hash_attributes([positions, *stored])
     return len(np.unique(rows)) < len(rows)
@@ -156,8 +159,8 @@ def _with_textures(mesh: Mesh, asset: Asset) -> Mesh:
 def align_baked(baked: Asset, asset: Asset) -> Asset:
     """Convert a mesh that was baked from `asset` to the coordinates and the origin of `asset`.
 
-    Files of baked meshes are rotated so that +y is up, because their formats require this axis. The function
-    reverses the rotation of the vertices.
+    Files of baked meshes are rotated so that +y is up, because their formats require this axis. This function
+    undoes the rotation of the vertices.
     """
     mesh, up = mesh_from_asset(baked), written_up(asset)
     vertices = rotate_axis(mesh.vertices, mesh.up or "unknown", up or "unknown")
@@ -177,12 +180,12 @@ def with_vertex_colors(mesh: Mesh) -> Mesh:
 def fit_to_format(mesh: Mesh, suffix: str, *, is_upright: bool = False) -> Mesh:
     """Return `mesh` reduced to the data that files of `suffix` can store.
 
-    An audit of the written file would see this mesh.
+    An audit of the written file examines this mesh.
 
     Colours and UVs are moved to the elements for which the format stores them, usually vertices. Textures
     become vertex colours if the format has no textures. The mesh is in metres if its unit is known. A mesh
-    with a known up axis is rotated so that +y is up, if the format defines an up axis or `is_upright` is
-    true. If the format cannot share vertices between faces, every face gets three separate vertices.
+    with a known up axis is rotated so that +y is up. The rotation requires a format with an up axis, or
+    `is_upright`. If the format cannot share vertices between faces, every face gets three separate vertices.
     Coordinates are rounded to the precision of the format.
     """
     mesh = replace(mesh, vertex_keys=None, corner_keys=None)  # files are written without these attributes
@@ -216,7 +219,7 @@ def with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
 
 
 def without_bad_faces(mesh: Mesh) -> tuple[Mesh, int]:
-    """Remove faces with a non-finite coordinate; return the mesh and the number of removed faces.
+    """Remove faces with a non-finite coordinate. Return the mesh and the number of removed faces.
 
     Non-finite vertices are removed as well. A mesh without any finite face, or with invalid indices, is
     returned unchanged, because writers reject it.
@@ -235,7 +238,7 @@ def without_bad_faces(mesh: Mesh) -> tuple[Mesh, int]:
 def with_corner_colors(mesh: Mesh, colors: NDArray[Any]) -> Mesh:
     """Return `mesh` with the corner colours `colors` (3F, 3 | 4) as vertex colours.
 
-    A vertex is split if its corners have different colours. Vertices keep their order; unused vertices are
+    A vertex is split if its corners have different colours. Vertices keep their order. Unused vertices are
     removed.
     """
     # Sort the 3F corners by vertex and by the bits of their colour. A new vertex begins at every sorted
@@ -245,7 +248,7 @@ def with_corner_colors(mesh: Mesh, colors: NDArray[Any]) -> Mesh:
     order = np.lexsort(keys)
     differs = np.ones(len(order), bool)
     differs[1:] = np.logical_or.reduce([key[order[1:]] != key[order[:-1]] for key in keys])
-    # number (3F,): the new vertex of each corner; first (n,): one corner of each new vertex.
+    # Compute the new vertex of each corner, `number` (3F,), and one corner of each new vertex, `first` (n,).
     number = np.zeros_like(corners)
     number[order] = np.cumsum(differs) - 1
     first = order[differs]

@@ -22,8 +22,8 @@ for _format in (ply.FORMAT, obj.FORMAT, off.FORMAT, stl.FORMAT, *gltf_scene.FORM
 
 # The suffixes that `read_mesh` accepts, in lower case, including the formats of other packages.
 MESH_SUFFIXES = FORMATS.keys()
-# Maximum number of entries in `Mesh.left_out`, the list of ignored data. Further entries of `left_out` are
-# only counted, because a malicious file may have millions.
+# Maximum number of entries in `Mesh.left_out`, the list of ignored data. Later entries are only counted,
+# because a malicious file may have millions of entries.
 _MAX_LEFT_OUT = 16
 
 
@@ -35,7 +35,8 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
     path : str or Path
         A regular file. Its suffix, in upper or lower case, selects the format.
     images : bool
-        Whether to decode texture images. If False, textures are not read, but texture coordinates are.
+        Whether to decode texture images. If False, texture images are skipped. Texture coordinates are always
+        read.
 
     Returns
     -------
@@ -73,7 +74,9 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
 
 
 def _shorten_left_out(mesh: Mesh) -> Mesh:
-    """Return `mesh` with a shortened `left_out`: its first entries, then the number of the others."""
+    """Return `mesh` with a shortened `left_out`, which contains the first entries and the number of other
+    entries.
+    """
     first, more = mesh.left_out[:_MAX_LEFT_OUT], len(mesh.left_out) - _MAX_LEFT_OUT
     return mesh if more <= 0 else replace(mesh, left_out=(*first, f"{more:,} more properties"))
 
@@ -143,8 +146,8 @@ def write_whole(
 
     Either all files are written or no file is written.
 
-    `check_companion` may reject the path of an additional file before anything is written. The errors are the
-    errors of `write_mesh` and `new_files`.
+    The function `check_companion` may reject the path of an additional file before anything is written.
+    Raises the errors of `write_mesh` and `new_files`.
     """
     style = replace(style or Style(), stem=path.stem)
     companions = companion_files(mesh, path, style)

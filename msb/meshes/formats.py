@@ -31,8 +31,8 @@ class Web:
         longest side of the bounding box. 88 is about the precision of float32.
     levels : float, optional
         Largest colour error in levels of 8-bit sRGB. Colours are stored as 16-bit linear light, rounded to as
-        few significant bits as this error allows. With None, colours are 8-bit linear light, with errors of
-        up to 6 levels in dark colours.
+        few significant bits as this error allows. The value None stores colours as 8-bit linear light, with
+        errors of up to 6 levels in dark colours.
     by_distance : bool
         For triangle soups: use a finer grid for faces near the centre of the scene and a coarser grid far
         away, instead of one grid.
@@ -54,8 +54,8 @@ class Style:
     texture : {"png", "jpeg", "webp"}
         The image format of textures.
     web : Web, optional
-        For GLB: the precision of a compressed file, whose rows are reordered. None is an uncompressed file,
-        which every program can read.
+        For GLB: the precision of a compressed file, whose rows are reordered. The value None gives an
+        uncompressed file, which every program can read.
     stem : str, optional
         The file name, without suffix, of additional files (materials, images); with None, no such files are
         written.
@@ -110,9 +110,9 @@ class Format:
     keeps : tuple of {"vertex_colors", "face_colors", "vertex_uvs", "normals", "textures", "collision"}
         The optional parts of a mesh that the format can store.
     list_stored, list_lost : callable, optional
-        Functions of a textured mesh. `list_stored` names the colours and textures that a file stores, and
-        `list_lost` names the parts that are lost. Both functions are only needed if `keeps` does not
-        determine what a file stores.
+        Functions of a textured mesh. The function `list_stored` names the colours and textures that a file
+        stores. The function `list_lost` names the lost parts. These functions are only needed if `keeps` does
+        not determine the stored data.
     is_soup : bool
         True if the format stores three vertices per face, so that faces never share vertices.
     is_single : bool
@@ -146,7 +146,7 @@ class Format:
 _RESERVED = (".triasset",)
 _AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
 _KEEPS = get_args(Kept)
-# Suffix in lower case -> built-in format. `msb.meshes.files` fills it.
+# Maps suffixes in lower case to built-in formats. `msb.meshes.files` fills it.
 OURS: dict[str, Format] = {}
 
 
@@ -221,7 +221,7 @@ def _load_package_format(name: str, entry: str) -> Format:
 class _PackageFunction:
     """Wraps a function of a mesh format from another package.
 
-    The errors of the function name that package.
+    Error messages of the function contain the name of the package.
     """
 
     whose: str
@@ -241,7 +241,7 @@ class _PackageFunction:
 class _PackageReader:
     """Wraps the function `read` of a mesh format from another package.
 
-    Any error of this function means that the file is invalid.
+    If this function raises any error, the file counts as invalid.
     """
 
     whose: str

@@ -27,19 +27,19 @@ from msb.meshes.writing import as_local
 
 _MESHOPT, _QUANTIZATION = "EXT_meshopt_compression", "KHR_mesh_quantization"
 # Finest precision of positions, in quarters of a bit. Mantissas of 24 bits cannot represent the coordinates
-# of a finer grid. The limit of a grid that varies by distance is 3 bits lower, because the finest step of
-# such a grid is 3 bits finer.
+# of a finer grid. If the grid varies by distance, the limit is 3 bits lower, because the finest step of the
+# grid is 3 bits finer.
 _FINEST, _FINEST_BY_DISTANCE = 88, 76
-# Range of the grid step if the step varies by distance. The range is in bits relative to the step at the
-# median distance: from 8 times finer (-3) to 32 times coarser (5).
+# Range of the grid step if the step varies by distance. The values are binary logarithms relative to the step
+# at the median distance, from 8 times finer (-3) to 32 times coarser (5).
 _FINER, _COARSER = -3, 5
-# Increase of the grid step in bits when the distance doubles. At twice the distance, the step is 2.8 times
-# coarser.
+# When the distance doubles, the grid step increases by this number of bits. At twice the distance, the step
+# is 2.8 times coarser.
 _BITS_PER_DOUBLING = 1.5
-# Precision of texture coordinates, in bits below one texel. The step of texture coordinates is 1/16 texel.
+# Precision of texture coordinates, in bits below one texel: the smallest step is 1/16 texel.
 _TEXEL_BITS = 4
-# Number of bits of a mantissa without its sign. A mantissa of this size limits the precision of texture
-# coordinates far outside [0, 1].
+# Number of bits of a mantissa without its sign. Far outside [0, 1], the size of the mantissa limits the
+# precision of texture coordinates.
 _MANTISSA = 23
 
 
@@ -47,8 +47,8 @@ _MANTISSA = 23
 class Grid:
     """Positions (V, 3) rounded to a grid.
 
-    The position of vertex v is corner + step * whole[v], and whole[v] is a multiple of 2 ** exponents[v].
-    `origin` (3,) is the point that `corner` is relative to.
+    The position of vertex v is corner + step * whole[v]. The integers whole[v] are multiples of 2 **
+    exponents[v]. The field `corner` is relative to the point `origin` (3,).
     """
 
     whole: NDArray[np.int64]
@@ -121,7 +121,7 @@ def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     assert web is not None
     builder = _CompressedBuilder(start_root(mesh, style))
     if web.by_distance and mesh.face_textures is not None:
-        web = replace(web, by_distance=False)  # `Grid.exponents` covers the whole mesh, not single primitives
+        web = replace(web, by_distance=False)  # `Grid.exponents` cannot describe single primitives.
     # Positions: grid coordinates, and a node transform that maps them back.
     grid = Grid.of(mesh, web)
     builder.root["nodes"][0] |= {
@@ -136,7 +136,8 @@ def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
         # limits the bits.
         side = max(max(image.shape[:2]) for image in mesh.textures)
         most = max(float(np.abs(mesh.vertex_uvs).max(initial=0)), 1.0)
-        rounded = most * (1 + 0.5**_MANTISSA)  # rounding up may reach the next power of two
+        # Rounding may increase the largest value to the next power of two.
+        rounded = most * (1 + 0.5**_MANTISSA)
         bits = min(math.ceil(math.log2(side)) + _TEXEL_BITS, _MANTISSA - math.frexp(rounded)[1])
         builder.exponents["TEXCOORD_0"] = np.full(1, -bits)
         attributes["TEXCOORD_0"] = (np.rint(mesh.vertex_uvs * 2.0**bits) * 0.5**bits).astype(np.float32)
@@ -207,7 +208,7 @@ def _order_soup(part: Primitive, exponents: NDArray[np.int64]) -> NDArray[np.int
     rank = meshopt.reorder_points(points[part.faces].mean(axis=1))
     order = np.lexsort((rank, exponents[part.faces[:, 0]]))
     faces = part.faces[order]
-    # first (F,): the corner that each face begins with, chosen by L1 distance.
+    # Choose the first corner of each face by L1 distance.
     first, last = [], (0.0, 0.0, 0.0)
     for corners in points[faces].tolist():
         distances = [sum(abs(x - y) for x, y in zip(corner, last, strict=True)) for corner in corners]
@@ -254,17 +255,17 @@ def _reorder_mesh(part: Primitive) -> Primitive:
 class _CompressedBuilder(GlbBuilder):
     """A GLB file with compressed arrays.
 
-    `plain` is the size in bytes that the arrays would have without compression.
+    The field `plain` is the size of the uncompressed arrays in bytes.
 
-    The values of a float attribute are multiples of powers of two. `exponents` maps the name of an attribute
-    to the exponents of these powers, (V,) or (1,).
+    Every float attribute contains multiples of powers of two. For each attribute name, `exponents` contains
+    the exponents of these powers, (V,) or (1,).
     """
 
     plain: int = 0
     exponents: dict[str, NDArray[np.int64]] = field(default_factory=dict)
 
     def rows(self, name: str, rows: NDArray[Any]) -> int:
-        """Append the compressed attribute `name` (V, K) of the vertices; return its buffer view's index."""
+        """Append the compressed attribute `name` (V, K) of the vertices. Return its buffer view's index."""
         import meshopt
 
         kind: dict[str, Any] = {"mode": "ATTRIBUTES"}
@@ -281,14 +282,14 @@ class _CompressedBuilder(GlbBuilder):
         return self._view(content, len(rows), rows.strides[0], kind, VERTICES)
 
     def indices(self, faces: NDArray[Any]) -> int:
-        """Append compressed faces (F, 3); return the index of their buffer view."""
+        """Append compressed faces (F, 3). Return the index of their buffer view."""
         import meshopt
 
         content = meshopt.encode_gltf_buffer(faces.reshape(-1).astype(np.uint32), "TRIANGLES", 0)
         return self._view(content, faces.size, faces.itemsize, {"mode": "TRIANGLES"}, INDICES)
 
     def _view(self, content: bytes, count: int, stride: int, kind: dict[str, Any], target: int) -> int:
-        """Append compressed data of `count` elements of `stride` bytes; return its buffer view's index."""
+        """Append compressed data of `count` elements of `stride` bytes. Return its buffer view's index."""
         packed = self.put(content) | {"byteStride": stride, "count": count} | kind
         plain: dict[str, Any] = {"buffer": 1, "byteOffset": self.plain, "byteLength": count * stride}
         if target == VERTICES:

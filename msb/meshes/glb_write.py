@@ -57,7 +57,7 @@ class GlbBuilder:
     size: int = 0
 
     def add(self, key: str, entry: dict[str, Any]) -> int:
-        """Append an object to the array `key` of the JSON; return the object's index."""
+        """Append an object to the array `key` of the JSON. Return the object's index."""
         self.root.setdefault(key, []).append(entry)
         return len(self.root[key]) - 1
 
@@ -68,7 +68,7 @@ class GlbBuilder:
                 self.root[key].append(extension)
 
     def put(self, data: bytes | NDArray[Any]) -> dict[str, int]:
-        """Append bytes to the binary chunk; return the buffer view for these bytes."""
+        """Append bytes to the binary chunk. Return the buffer view for these bytes."""
         content = data if isinstance(data, bytes) else np.ascontiguousarray(data).data.cast("B")
         start, self.size = self.size, self.size + len(content)
         self.binary.append(content)
@@ -78,11 +78,11 @@ class GlbBuilder:
         return {"buffer": 0, "byteOffset": start, "byteLength": len(content)}
 
     def rows(self, name: str, rows: NDArray[Any]) -> int:
-        """Append the attribute `name` (V, K) of the vertices; return the index of its buffer view."""
+        """Append the attribute `name` (V, K) of the vertices. Return the index of its buffer view."""
         return self.add("bufferViews", self.put(rows) | {"target": VERTICES})
 
     def indices(self, faces: NDArray[Any]) -> int:
-        """Append faces (F, 3), uint16 or uint32; return the index of their buffer view."""
+        """Append faces (F, 3), uint16 or uint32. Return the index of their buffer view."""
         return self.add("bufferViews", self.put(faces) | {"target": INDICES})
 
 
@@ -117,7 +117,10 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
 
 
 def start_root(mesh: Mesh, style: Style) -> dict[str, Any]:
-    """Return the JSON of a new file: a scene with a node for one mesh; the mesh is added later."""
+    """Return the JSON of a new file.
+
+    The file contains a scene with a node for one mesh, which is added later.
+    """
     asset: dict[str, Any] = {"version": "2.0", "generator": "MeshSplatBench"}
     extras = dict(style.extras or {})
     if mesh.placement is not None:
@@ -145,16 +148,17 @@ def _encode_colors(colors: NDArray[Any], style: Style) -> NDArray[Any]:
 
 
 def split(mesh: Mesh, attributes: dict[str, NDArray[Any]]) -> Iterator[Primitive]:
-    """Yield one primitive per texture. `attributes` (V, K) are the attributes of all vertices.
+    """Yield one primitive per texture.
 
-    Faces and vertices of `mesh` must be grouped by texture, as `with_vertex_uvs` returns them.
+    The argument `attributes` (V, K) contains the attributes of all vertices. Faces and vertices of `mesh`
+    must be grouped by texture, as `with_vertex_uvs` returns them.
     """
     if mesh.face_textures is None:
         yield Primitive(attributes, mesh.faces, 0 if mesh.textures else None)
         return
     used, starts = np.unique(mesh.face_textures, return_index=True)
     faces = np.split(mesh.faces, starts[1:])
-    # A primitive has the vertices in rows first[number] to first[number + 1].
+    # The vertices of primitive i are the rows first[i] to first[i + 1] - 1.
     first = [0, *(int(group.min()) for group in faces[1:]), len(mesh.vertices)]
     for number, texture in enumerate(used.tolist()):
         selected = slice(first[number], first[number + 1])
@@ -203,7 +207,7 @@ def _add_material(builder: GlbBuilder, texture: int | None, mesh: Mesh, style: S
 
 
 def _add_texture(builder: GlbBuilder, mesh: Mesh, number: int, style: Style) -> int:
-    """Add texture `number` of `mesh` with its image and sampler; return its index in the file."""
+    """Add texture `number` of `mesh` with its image and sampler. Return its index in the file."""
     if "samplers" not in builder.root:
         builder.add("samplers", _describe_sampler(mesh.sampler))
     content, kind = encode_image(mesh.textures[number], style.texture, mesh.sampler)

@@ -21,17 +21,17 @@ from msb.meshes.source import Source
 
 HEADER = struct.Struct("<4sII")
 CHUNK = struct.Struct("<I4s")
-# Component types of glTF 2.0 -> NumPy types.
+# Maps component types of glTF 2.0 to NumPy types.
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 
-# Accessor types -> components per element.
+# Maps accessor types to their number of components.
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 # Largest JSON in bytes: 16 MiB, enough for about 100,000 nodes. Parsing a JSON text of this size needs at
 # most about 400 MB.
 MAX_JSON_BYTES = 1 << 24
 
-# Deepest nesting of the JSON. glTF needs about ten levels, and the objects `extras` may add some.
+# Deepest nesting of the JSON. glTF needs about ten levels. The `extras` objects may need more.
 MAX_JSON_DEPTH = 64
 
 # A long data URI in the JSON.
@@ -47,15 +47,16 @@ GAUSSIANS = "KHR_gaussian_splatting"
 _SEARCHED = 1 << 22
 VISIBILITY = "KHR_node_visibility"
 
-# Maximum number of nodes. Real scenes have some thousand nodes; a million nodes take a few seconds.
+# Maximum number of nodes. Real scenes have some thousand nodes. A million nodes take a few seconds.
 MAX_NODES = 1 << 20
 
-# Memory limit for the arrays of a file: 64 bytes per byte of the file, plus 256 MiB. One byte of a file needs
-# at most 24 bytes in memory (as an index). A file exceeds the limit only if nodes or primitives share arrays.
+# Memory limit for the arrays of a file: 64 bytes per byte of the file, plus 256 MiB. A byte of a file needs
+# at most 24 bytes in memory, if it is a vertex index. Only a file whose nodes or primitives share arrays can
+# exceed this limit.
 MAX_BYTES_PER_BYTE = 64
 MAX_EXTRA_BYTES = 1 << 28
 
-# The change of the nesting depth that each byte causes.
+# For each byte value, the change of the nesting depth of the JSON.
 _NESTING = np.zeros(256, dtype=np.int8)
 _NESTING[list(b"[{")] = 1
 _NESTING[list(b"]}")] = -1
@@ -100,7 +101,10 @@ class Document:
         return MAX_BYTES_PER_BYTE * (len(self.source.data) + linked) + MAX_EXTRA_BYTES
 
     def check_total(self, what: str, total: int) -> None:
-        """Raise MESH_FILE_TOO_LARGE if arrays of `total` bytes exceed the limit; `what` names the arrays."""
+        """Raise MESH_FILE_TOO_LARGE if arrays of `total` bytes exceed the limit.
+
+        The message begins with `what`.
+        """
         if total > (limit := self.limit):
             text = f"{what} need {total} bytes; the limit for a file of this size is {limit}"
             raise self.source.error("MESH_FILE_TOO_LARGE", text)
@@ -114,7 +118,7 @@ class Document:
     ) -> int:
         """Return the integer `owner[key]`, from 0 to `below` - 1.
 
-        The value is required unless `default` is given.
+        Without `default`, the value is required.
         """
         value = owner.get(key, default)
         if type(value) is not int or not 0 <= value < below:
@@ -125,7 +129,10 @@ class Document:
     def numbers(
         self, owner: dict[str, Any], key: str, pointer: str, default: tuple[float, ...]
     ) -> NDArray[np.float64]:
-        """Return the array (N,) of finite numbers `owner[key]`, with the length of `default`."""
+        """Return the finite numbers in the array `owner[key]` (N,).
+
+        The array must have the length of `default`.
+        """
         value = owner.get(key, default)
         ok = isinstance(value, list | tuple) and len(value) == len(default)
         if not ok or not all(type(entry) in (int, float) and _is_finite(entry) for entry in value):
@@ -178,7 +185,9 @@ class Document:
         return self.buffers[index]
 
     def resource(self, owner: dict[str, Any], pointer: str, most: int | None) -> bytes:
-        """Return the bytes that `owner["uri"]` refers to; `most` is as in `read_linked_file`."""
+        """Return the bytes that `owner["uri"]` refers to, limited to `most` bytes as in
+        `read_linked_file`.
+        """
         uri, where = owner.get("uri"), f"{pointer}/uri"
         if not isinstance(uri, str):
             raise self.error("MESH_FILE_INVALID", where, "'uri' must be a string")
@@ -203,11 +212,11 @@ class Document:
 
 @dataclass(frozen=True)
 class Accessor:
-    """A validated description of an array (count, width). All bytes of the array are known to exist.
+    """A validated description of an array (count, width). The file contains all bytes of the array.
 
-    `data` has the bytes of the buffer view, or is None for an array of zeros. The first element of the array
-    begins at byte `start` of `data`. Each further element of the array begins `stride` bytes later. `sparse`
-    has two accessors: the indices of elements to replace, and their new values.
+    The field `data` has the bytes of the buffer view, or is None for an array of zeros. The first element of
+    the array begins at byte `start` of `data`. Each further element of the array begins `stride` bytes later.
+    The field `sparse` has two accessors: the indices of elements to replace, and their new values.
     """
 
     document: Document
@@ -248,7 +257,7 @@ def uses_gaussians(path: Path) -> bool:
         return False
     try:
         head = read_file(path, _SEARCHED)
-    except InputError:  # the reader reports this error later
+    except InputError:  # The reader reports the error later.
         return False
     end = HEADER.size + CHUNK.size
     is_binary = head.startswith(b"glTF") and len(head) >= end
@@ -304,8 +313,9 @@ def parse_accessor(
 ) -> Accessor:
     """Return accessor `index` after checking that its bytes exist.
 
-    `kinds` are the allowed element types, such as "VEC3 VEC4", and `components` the allowed number types,
-    such as "u1 u2 f4". `unpacked` (count, width) are decompressed values that replace the buffer view.
+    The argument `kinds` has the allowed element types, such as "VEC3 VEC4". The argument `components` has the
+    allowed number types, such as "u1 u2 f4". The argument `unpacked` (count, width) contains decompressed
+    values that replace the buffer view.
     """
     entry, pointer = document.entry("accessors", index)
     kind = entry.get("type")
@@ -318,7 +328,7 @@ def parse_accessor(
     normalized = entry.get("normalized") is True
     if unpacked is not None:
         # Encoders may store wider integers than the accessor declares. Convert the values to the declared
-        # type, and check that they do not change.
+        # type, and check that the conversion is exact.
         same_kind = (unpacked.dtype.kind == "f") == (dtype.kind == "f")
         values = unpacked.astype(dtype) if same_kind else unpacked[:0]
         if values.shape != (count, width) or not np.array_equal(values, unpacked, equal_nan=True):
@@ -474,7 +484,7 @@ def place_nodes(document: Document) -> PlacedNodes:
     """Return the nodes of the scene.
 
     The scene is the default scene of the file, else the first scene. If the file has no scenes, all nodes are
-    used. A node is hidden if it or an ancestor is not visible (KHR_node_visibility).
+    used. A node is hidden if the node itself or one of its ancestors is not visible (KHR_node_visibility).
     """
     roots, nodes = _find_roots(document)
     worlds: dict[int, NDArray[np.float64]] = {}
@@ -502,14 +512,17 @@ def place_nodes(document: Document) -> PlacedNodes:
 
 
 def _is_visible(document: Document, node: dict[str, Any], pointer: str) -> bool:
-    """Return whether a node is visible, without regard to its ancestors."""
+    """Return whether a node itself is visible. Ancestors are ignored."""
     extensions = document.object(node, "extensions", pointer)
     entry = document.object(extensions, VISIBILITY, f"{pointer}/extensions")
     return entry.get("visible", True) is not False
 
 
 def _find_roots(document: Document) -> tuple[list[int], int | None]:
-    """Return the root nodes, and how many nodes these roots must reach; None if a scene lists its roots."""
+    """Return the root nodes, and the number of nodes that must be reachable.
+
+    The number is None if a scene lists its roots.
+    """
     count = len(document.array(document.root, "nodes", ""))
     if count > MAX_NODES:
         text = f"there are {count} nodes; at most {MAX_NODES} are supported"

@@ -20,7 +20,7 @@ _NEAREST_FILTERS = (_NEAREST, 9984, 9986)
 _WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _UNLIT, _TRANSFORM, _WEBP = "KHR_materials_unlit", "KHR_texture_transform", "EXT_texture_webp"
 _GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
-# Keys of material properties that are not read -> names of these properties.
+# Maps keys of unread material properties to names for messages.
 _OTHERS = {
     "normalTexture": "normal maps",
     "occlusionTexture": "occlusion maps",
@@ -34,8 +34,9 @@ _OTHERS = {
 class TextureUse:
     """The use of an image by a material.
 
-    `image` is the number of the image. `uv_set` is the number of the set of texture coordinates. `transform`
-    (2, 3) is the matrix that is multiplied with (u, v, 1), or None for the identity.
+    The field `image` is the number of the image. The field `uv_set` is the number of the set of texture
+    coordinates. The field `transform` (2, 3) is the matrix that is multiplied with (u, v, 1), or None for the
+    identity.
     """
 
     image: int
@@ -48,8 +49,8 @@ class TextureUse:
 class BaseColor:
     """The base colour of a material is the product of `factor` (RGBA in linear light) and `texture`.
 
-    `cutoff` is the alpha cut-off, or None if alpha is ignored. `is_lost` is set if the material has a texture
-    that cannot be read.
+    The field `cutoff` is the alpha cut-off, or None if alpha is ignored. The field `is_lost` is set if the
+    material has a texture that cannot be read.
     """
 
     factor: tuple[float, ...] = _WHITE
@@ -59,7 +60,7 @@ class BaseColor:
 
 
 def read_base_color(document: Document, primitive: dict[str, Any], pointer: str) -> BaseColor:
-    """Return the base colour of a primitive; the colour is white without a material."""
+    """Return the base colour of a primitive. The colour is white without a material."""
     if "material" not in primitive:
         return BaseColor()
     material, where = document.entry("materials", document.integer(primitive, "material", pointer))
@@ -84,7 +85,7 @@ def _find_surface(
 
     Usually, the colour of a material is the base colour of the metallic-roughness model. If the
     metallic-roughness model has no base colour, the diffuse colour of the specular-glossiness model is used.
-    The diffuse colour is also used if the diffuse colour has a texture and the base colour only has a factor.
+    The diffuse colour also takes precedence if it has a texture and the base colour does not.
     """
     surface = document.object(material, "pbrMetallicRoughness", pointer)
     extensions = document.object(material, "extensions", pointer)
@@ -96,7 +97,10 @@ def _find_surface(
 
 
 def _parse_texture_use(document: Document, entry: dict[str, Any], pointer: str) -> TextureUse | None:
-    """Return the texture that a `textureInfo` describes; None if its image format is unsupported (KTX2)."""
+    """Return the texture that a `textureInfo` describes.
+
+    Return None if its image format is unsupported (KTX2).
+    """
     texture, where = document.entry("textures", document.integer(entry, "index", pointer))
     extensions = document.object(texture, "extensions", where)
     webp = document.object(extensions, _WEBP, f"{where}/extensions")

@@ -22,8 +22,9 @@ MESHOPT = ("KHR_meshopt_compression", "EXT_meshopt_compression")
 DRACO = "KHR_draco_mesh_compression"
 _MODES = ("ATTRIBUTES", "TRIANGLES", "INDICES")
 _FILTERS = ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")
-# Prefixes of the attributes that are read, and names of attributes that only explain duplicated vertices. If
-# attributes that only explain duplicates cannot be decoded, the mesh is read without them.
+# `_READ` has prefixes of attributes that are read. `_EXPLAINING` has attributes that only explain duplicated
+# vertices. Attributes that explain duplicates are optional: if their decoding fails, the mesh is
+# read without them.
 _READ = ("POSITION", "COLOR_0", "TEXCOORD_", "JOINTS_", "WEIGHTS_")
 _EXPLAINING = ("NORMAL", "TANGENT")
 # Time limit of the child process, in seconds.
@@ -35,7 +36,7 @@ Job = dict[str, Any]
 
 
 def unpack(document: Document, meshes: list[int]) -> None:
-    """Decode the compressed arrays of `meshes`, except arrays with an uncompressed copy.
+    """Decode the compressed arrays of `meshes`, unless the file also contains the uncompressed array.
 
     Decoded buffer views are stored in `document.views`. Attributes and indices of Draco primitives are stored
     in `document.packed`. `document.limit` is the limit of the total size of the decoded arrays.
@@ -73,7 +74,7 @@ def unpack(document: Document, meshes: list[int]) -> None:
 def unpack_here(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
     """Decode all jobs in `arrays`.
 
-    This function runs in the child process; it is a `Work` of `msb.base.children`.
+    This function runs in the child process. The function is a `Work` of `msb.base.children`.
     """
     decoded: dict[str, NDArray[Any]] = {}
     for number, job in enumerate(json.loads(arrays["plan"].tobytes())):
@@ -149,7 +150,7 @@ def _list_jobs(document: Document, meshes: list[int]) -> Iterator[Job]:
 def _find_accessor(document: Document, number: Any) -> dict[str, Any]:
     """Return the JSON of accessor `number`.
 
-    The JSON is empty if the accessor does not exist; a later check reports this error.
+    The JSON is empty if the accessor does not exist. A later check reports this error.
     """
     entries = document.array(document.root, "accessors", "")
     exists = type(number) is int and 0 <= number < len(entries) and isinstance(entries[number], dict)
@@ -207,7 +208,10 @@ def _list_meshopt_jobs(document: Document, index: int) -> Iterator[Job]:
 def _make_draco_job(
     document: Document, primitive: dict[str, Any], packed: dict[str, Any], pointer: str
 ) -> Job:
-    """Return the job for a compressed primitive. `packed` is the extension object of the primitive."""
+    """Return the job for a compressed primitive.
+
+    The argument `packed` is the extension object of the primitive.
+    """
     where = f"{pointer}/extensions/{DRACO}"
     data, _, _ = document.view(document.integer(packed, "bufferView", where))
     numbers = document.object(packed, "attributes", where)

@@ -19,8 +19,8 @@ from msb.meshes.polygons import fan_triangulate
 
 TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _MODES = 7
-# Number of bytes that every primitive adds to the estimated size of its arrays. With these bytes, the memory
-# limit also limits the number of primitives.
+# The estimated size of a primitive's arrays includes this number of bytes. Therefore the memory limit also
+# limits the number of primitives.
 _PRIMITIVE_BYTES = 1 << 10
 
 
@@ -69,8 +69,8 @@ class PrimitiveArrays:
     base : BaseColor
         The material.
     keys : (V,) uint32
-        The seam keys: hashes of the attributes that are not read. If no vertex is used twice, every vertex
-        has a separate key, because a triangle list cannot share vertices.
+        The seam keys: hashes of the attributes that are not read. A triangle list cannot share vertices.
+        Therefore every vertex gets a separate key if no vertex is used twice.
     """
 
     vertices: NDArray[Any]
@@ -103,7 +103,7 @@ def _parse_primitive(document: Document, entry: dict[str, Any], pointer: str) ->
     unpacked = document.packed.get(pointer, {})
     mode = document.integer(entry, "mode", pointer, default=TRIANGLES)
     if unpacked:
-        mode = TRIANGLES  # Draco decodes triangle strips to triangles
+        mode = TRIANGLES  # The Draco decoder returns strips as triangles.
     positions = parse_accessor(
         document, number, kinds="VEC3", components="i1 u1 i2 u2 f4", unpacked=unpacked.get("POSITION")
     )
@@ -186,7 +186,7 @@ def _parse_unread(
 
 
 def _hash_unread(primitive: Primitive, corners: NDArray[np.int64]) -> NDArray[np.uint32]:
-    """Return the seam keys (V,) of a primitive; see `PrimitiveArrays`."""
+    """Return the seam keys (V,) of a primitive. See `PrimitiveArrays`."""
     count = primitive.positions.count
     columns: list[NDArray[Any]] = [stored.read() for stored in primitive.unread]
     used = np.zeros(count, bool)
@@ -218,7 +218,7 @@ def read_arrays(primitive: Primitive) -> PrimitiveArrays:
 
 
 def read_numbers(stored: Accessor) -> NDArray[Any]:
-    """Return floats as float32, and integers as float64; normalized integers are scaled to [-1, 1]."""
+    """Return floats as float32, and integers as float64. Normalized integers are scaled to [-1, 1]."""
     values = stored.read()
     if values.dtype.kind == "f":
         return values.astype(np.float32)

@@ -44,8 +44,8 @@ class Poses:
     def apply(self, part: PrimitiveArrays, primitive: Primitive, placed: PlacedMesh) -> PrimitiveArrays:
         """Return `part`, the arrays of `primitive`, in world coordinates.
 
-        The transform of a node does not affect a mesh with a skin. If its skin cannot be read, the mesh is
-        returned as stored.
+        The transform of a node does not affect a mesh with a skin. If the skin cannot be read, the mesh is
+        returned without its pose.
         """
         try:
             part = self._morph(part, primitive, placed)
@@ -102,7 +102,10 @@ class Poses:
         return replace(part, vertices=vertices, faces=part.faces[:, [0, 2, 1]] if is_mirrored else part.faces)
 
     def _read_weights(self, primitive: Primitive, joints: int) -> tuple[NDArray[np.int64], Floats]:
-        """Return the joints (V, K) of each vertex and the weights (V, K) of the joints, which add up to 1."""
+        """Return the joints (V, K) of each vertex, and their weights (V, K).
+
+        The weights of a vertex add up to 1.
+        """
         attributes, where = primitive.entry["attributes"], f"{primitive.pointer}/attributes"
         numbers, weights, number = [], [], 0
         while {f"JOINTS_{number}", f"WEIGHTS_{number}"} <= attributes.keys():
@@ -125,7 +128,10 @@ class Poses:
     def _read_attribute(
         self, attributes: dict[str, Any], name: str, where: str, primitive: Primitive, kind: tuple[str, str]
     ) -> NDArray[Any]:
-        """Return the values (V, K) of an attribute. `kind` has the allowed element types and number types."""
+        """Return the values (V, K) of an attribute.
+
+        The argument `kind` has the allowed element types and number types.
+        """
         unpacked = self.document.packed.get(primitive.pointer, {}).get(name)
         number = self.document.integer(attributes, name, where)
         stored = parse_accessor(self.document, number, kinds=kind[0], components=kind[1], unpacked=unpacked)
@@ -135,7 +141,7 @@ class Poses:
         return read_numbers(stored)
 
     def _find_joints(self, skin: Any) -> Floats | None:
-        """Return the matrices of a skin, or None if they cannot be read; each skin is read once."""
+        """Return the matrices of a skin, or None if the skin cannot be read. Each skin is read only once."""
         if str(skin) not in self._joints:
             try:
                 self._joints[str(skin)] = self._read_joints(skin)
@@ -172,6 +178,6 @@ class Poses:
 
 
 def _has_skin(primitive: Primitive, placed: PlacedMesh) -> bool:
-    """Return whether joints, instead of the node, move the vertices of a primitive."""
+    """Return whether a primitive is moved by the joints of a skin instead of its node."""
     attributes = primitive.entry.get("attributes", {})
     return "skin" in placed.node and {"JOINTS_0", "WEIGHTS_0"} <= attributes.keys()

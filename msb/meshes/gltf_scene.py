@@ -65,10 +65,10 @@ _HARMLESS = (
     "CESIUM_primitive_outline",
 )
 # The parts of a file that only affect the appearance or movement of a mesh. An unknown extension is harmless
-# if only these parts of the file use it.
+# if only these parts use the extension.
 _LOOKS = ("materials", "textures", "images", "samplers", "animations", "cameras")
 
-# Names, for messages, of attributes that are not read; the keys have no set number.
+# Names of unread attributes for messages. The keys omit the set number.
 _ATTRIBUTES = {
     "NORMAL": "normals",
     "TANGENT": "tangents",
@@ -151,7 +151,10 @@ def _check_extensions(document: Document) -> None:
 
 
 def _list_extended_parts(document: Document) -> dict[str, set[str]]:
-    """Return, for each extension, the keys of the root object that use it; "" is the root itself."""
+    """For each extension, return the keys of the root object whose values use the extension.
+
+    The key "" means the root object itself.
+    """
     places: dict[str, set[str]] = {}
     waiting: list[tuple[str, Any]] = [("", document.root)]
     while waiting:
@@ -167,9 +170,9 @@ def _list_extended_parts(document: Document) -> dict[str, set[str]]:
 
 
 def _find_cutoff(parts: list[PrimitiveArrays]) -> float | None:
-    """Return the alpha cut-off of the mesh: the smallest of all materials, or None without textures.
+    """Return the alpha cut-off of the mesh, which is the smallest cut-off of all materials.
 
-    `_combine_colors` scales alpha values to this cut-off.
+    Return None without textures. `_combine_colors` scales alpha values to this cut-off.
     """
     cutoffs = [part.base.cutoff for part in parts if part.base.cutoff is not None]
     is_textured = any(part.base.texture for part in parts)
@@ -177,7 +180,7 @@ def _find_cutoff(parts: list[PrimitiveArrays]) -> float | None:
 
 
 def _identify_texture(document: Document, part: PrimitiveArrays, cutoff: float | None) -> Any:
-    """Return a key for the texture of a part; None without a texture.
+    """Return a key for the texture of a part. Return None without a texture.
 
     An image may be used both with and without an alpha cut-off. An image with both uses becomes two textures,
     because only one texture keeps the alpha channel.
@@ -224,7 +227,7 @@ def _decode_images(
 def _join_parts(
     document: Document, parts: list[PrimitiveArrays], images: dict[Any, NDArray[np.uint8]]
 ) -> Mesh:
-    """Concatenate all parts to a mesh; `images` are the texels of their textures."""
+    """Concatenate all parts to a mesh. The argument `images` has the texels of their textures."""
     uvs = None
     if any(part.uvs is not None for part in parts):
         blank = [
@@ -272,16 +275,17 @@ def _has_srgb_colors(document: Document) -> bool:
 
 
 def _combine_colors(part: PrimitiveArrays, cutoff: float | None, is_srgb: bool) -> NDArray[Any] | None:
-    """Return the sRGB colours (V, 3 | 4) of a part, multiplied with the base factor; None for white.
+    """Return the sRGB colours (V, 3 | 4) of a part, multiplied with the base factor.
 
-    `cutoff` is the alpha cut-off of the mesh. If the part has a different cut-off, alpha is scaled by the
-    ratio of the two cut-offs. If the part has no cut-off, alpha is 1. Without a `cutoff`, alpha is kept as
-    stored and ignored.
+    Return None if all colours are white. The argument `cutoff` is the alpha cut-off of the mesh. If the part
+    has a different cut-off, alpha is scaled by the ratio of the two cut-offs. If the part has no cut-off,
+    alpha is
+    1. If `cutoff` is None, alpha is returned unchanged, and renderers ignore it.
     """
     factor, part_cutoff = np.array(part.base.factor, np.float32), part.base.cutoff
     if cutoff is None or part_cutoff is None:
         factor[3] = 1
-    else:  # float64, because cut-offs may be too small or too large for float32
+    else:  # Cut-offs may exceed the range of float32, so use float64.
         factor[3] = part.base.factor[3] * (cutoff / part_cutoff)
     colors = part.colors
     if colors is None:
@@ -298,7 +302,7 @@ def _combine_colors(part: PrimitiveArrays, cutoff: float | None, is_srgb: bool) 
 
 
 def _join_colors(colors: list[NDArray[Any] | None], parts: list[PrimitiveArrays]) -> NDArray[Any] | None:
-    """Concatenate the colours (V, 3 | 4) in the widest type and width; return None if all are white."""
+    """Concatenate the colours (V, 3 | 4) in the widest type and width. Return None if all are white."""
     stored = [rows for rows in colors if rows is not None]
     if not stored:
         return None
@@ -313,7 +317,7 @@ def _join_colors(colors: list[NDArray[Any] | None], parts: list[PrimitiveArrays]
 
 
 def _list_left_out(document: Document, meshes: Iterable[int], colors: list[BaseColor]) -> dict[str, None]:
-    """Return the names of all data in the file and in the `meshes` of the scene that is not read.
+    """Return names of all unread data in the file and in the given `meshes`.
 
     Malformed entries of the JSON are skipped, because the reader does not use them.
     """
@@ -353,12 +357,12 @@ def _list_left_out(document: Document, meshes: Iterable[int], colors: list[BaseC
 
 
 def _filter_objects(entries: Any) -> list[dict[str, Any]]:
-    """Return the objects in the JSON array `entries`; for other values, return an empty list."""
+    """Return the objects in the JSON array `entries`. For other values, return an empty list."""
     return [entry for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
 
 
 def _list_keys(entry: Any) -> list[Any]:
-    """Return the keys of the JSON object `entry`; for other values, return an empty list."""
+    """Return the keys of the JSON object `entry`. For other values, return an empty list."""
     return list(entry) if isinstance(entry, dict) else []
 
 

@@ -49,7 +49,7 @@ def is_single_texel(image: NDArray[np.uint8], mesh: Mesh) -> bool:
 
 
 def describe_counts(images: int, colors: int) -> list[str]:
-    """Return the numbers of images and material colours of a file as text, without zero numbers."""
+    """Return the numbers of images and material colours as text. Zero numbers are omitted."""
     counts = {"texture": images, "material colour": colors}
     return [f"{count} {noun}{'' if count == 1 else 's'}" for noun, count in counts.items() if count]
 
@@ -60,9 +60,10 @@ def simplify_stem(style: Style) -> str:
 
 
 def encode_image(image: NDArray[np.uint8], kind: Picture, sampler: Sampler) -> tuple[bytes, Picture]:
-    """Return `image` (H, W, 3 | 4) as an image file, and its format: PNG if JPEG would lose alpha.
+    """Return `image` (H, W, 3 | 4) as an image file, and the format.
 
-    PNG keeps all channels. JPEG and WebP drop alpha if the sampler has no alpha cut-off.
+    The format is PNG if JPEG would lose alpha. PNG keeps all channels. JPEG and WebP drop alpha if the
+    sampler has no alpha cut-off.
     """
     from PIL import Image
 

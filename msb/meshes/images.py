@@ -54,12 +54,12 @@ class Decoder:
 
         # Importing only three plugins prevents Pillow from importing all its plugins.
         plugins = PngImagePlugin.PngImageFile, JpegImagePlugin.JpegImageFile, WebPImagePlugin.WebPImageFile
-        limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # the size is checked by `_take`
+        limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # `_take` checks the image size.
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # about unusual metadata
                 if canvas := _read_webp_size(data):
-                    self._take(canvas, 8, len(data))  # opening a WebP file makes Pillow allocate two canvases
+                    self._take(canvas, 8, len(data))  # Pillow allocates two canvases for a WebP file.
                 elif bytes(data[:2]) == b"\xff\xd8" and bytes(data).count(b"\xff\xda") > _MAX_SCANS:
                     text = f"the JPEG has more than {_MAX_SCANS} scans; save it as a baseline JPEG"
                     raise MeshFileError("MESH_FILE_TOO_LARGE", text)
@@ -75,16 +75,17 @@ class Decoder:
         except UnidentifiedImageError:
             text = "the file is not a PNG, JPEG or WebP image, or its header is damaged"
             raise MeshFileError("MESH_FILE_INVALID", text) from None
-        except Exception as error:  # decoders raise many exception types for damaged files
+        except Exception as error:  # Decoders raise many exception types for damaged files.
             text = f"the image cannot be decoded: {library_reason(error)}"
             raise MeshFileError("MESH_FILE_INVALID", text) from None
         finally:
             Image.MAX_IMAGE_PIXELS = limit
 
     def _take(self, size: tuple[int, int], width: int, stored: int) -> None:
-        """Reserve memory for an image of `size` (width, height) and `width` bytes per texel.
+        """Reserve memory for an image.
 
-        The image file has `stored` bytes. Raise MESH_FILE_TOO_LARGE if the memory limit is exceeded.
+        The argument `size` is the (width, height) of the image. A texel has `width` bytes. The image file has
+        `stored` bytes. Raise MESH_FILE_TOO_LARGE if the memory limit is exceeded.
         """
         if not 0 < min(size) <= max(size) <= MAX_SIDE:
             text = f"the image is {size[0]} x {size[1]}; at most {MAX_SIDE} texels a side are supported"
@@ -105,7 +106,7 @@ def describe_lost_image(name: str, reason: str) -> str:
 
 def _read_texels(image: Image.Image, *, alpha: bool) -> NDArray[np.uint8]:
     """Return the texels (H, W, 3 | 4) of an opened image as uint8."""
-    if image.mode.startswith("I"):  # Pillow would clip 16-bit grey values at 255 instead of scaling them
+    if image.mode.startswith("I"):  # Pillow would clip 16-bit grey values instead of scaling them.
         grey = (np.asarray(image, np.uint32) * 255 + 32767) // 65535
         return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
     has_alpha = image.mode in ("LA", "PA", "RGBA") or "transparency" in image.info

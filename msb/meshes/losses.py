@@ -11,7 +11,7 @@ from msb.base.origin import NO_ORIGIN, describe_origin, find_origin, round_coord
 from msb.meshes.formats import FORMATS
 from msb.meshes.mesh import Mesh, describe_rounding
 
-# Asset buffer that no mesh format can store -> description of the buffer.
+# Maps asset buffers that no mesh format can store to descriptions.
 _UNWRITTEN = {"opacity": "opacity", "sigma": "soft edges (sigma)"}
 
 
@@ -20,7 +20,7 @@ _WITHOUT_COMMENTS = (".stl", ".off")
 
 
 def list_dropped_features(asset: Asset) -> list[str]:
-    """Return descriptions of all data in `asset` that its standard-tier mesh lacks."""
+    """Return descriptions of all data in `asset` that its standard-tier mesh does not contain."""
     manifest, beyond = asset.manifest, []
     if manifest.sh_degree:
         beyond.append(f"view-dependent colours (SH degree {manifest.sh_degree})")
@@ -49,8 +49,8 @@ def list_losses(
 ) -> Iterator[str]:
     """Yield a note for each loss between `mesh` and `written`, the mesh in a file of `suffix`.
 
-    `left_out` lists parts of the source that were already missing in `mesh`. `image_loss` ends the sentence
-    about textures that became vertex colours.
+    The argument `left_out` lists parts of the source that were already missing in `mesh`. The text
+    `image_loss` ends the sentence about textures that became vertex colours.
     """
     form = FORMATS[suffix]
     is_split = not np.array_equal(written.faces, mesh.faces)
@@ -70,7 +70,7 @@ def list_losses(
         yield f"{suffix} cannot store texture filtering and wrapping"
     if form.is_single:
         yield from _describe_coordinates(mesh, written, suffix)
-    # `left_out` contains UVs without a texture. A GLB file stores UVs without a texture nevertheless.
+    # `left_out` contains UVs that belong to no texture. A GLB file still stores these UVs.
     lost = [part for part in left_out if part != "UVs" or not _has_uvs(written)]
     lost += form.list_lost(written) if form.list_lost else []
     lost += _list_lost_parts(mesh, written, suffix)
@@ -98,7 +98,7 @@ def _list_exact_formats() -> str:
 
 
 def _list_lost_parts(mesh: Mesh, written: Mesh, suffix: str) -> Iterator[str]:
-    """Yield the names of cut-outs, colours and UVs of `mesh` that `written`, a `suffix` file, lacks."""
+    """Yield names of the cut-outs, colours and UVs of `mesh` that are missing in `written`."""
     has_cut_outs = mesh.textures and mesh.sampler.alpha_cutoff is not None
     if has_cut_outs and FORMATS[suffix].keeps and not written.textures:
         yield f"cut-outs ({suffix} cannot store them)"
@@ -124,7 +124,7 @@ def _has_uvs(mesh: Mesh) -> bool:
 
 
 def describe_placement(written: Mesh, suffix: str) -> Iterator[str]:
-    """Yield a note if a file of `suffix` cannot record the rotation or scale of `written`."""
+    """Yield a note if the format of `suffix` cannot record the rotation or scale of `written`."""
     if written.placement is not None and suffix in _WITHOUT_COMMENTS:
         yield (
             f"{suffix} cannot record the rotation and the unit, so cameras of the capture do not match "
@@ -133,7 +133,7 @@ def describe_placement(written: Mesh, suffix: str) -> Iterator[str]:
 
 
 def describe_up_axis(mesh: Mesh, suffix: str, *, known: bool) -> Iterator[str]:
-    """Yield a note if the up axis is a guess (not `known`), or if the format cannot store it."""
+    """Yield a note if the up axis is not `known`, or if the format cannot store the up axis."""
     if FORMATS[suffix].up is None:
         if known and mesh.up not in (None, "+y"):
             yield f"{mesh.up} is up, which {suffix} cannot store; msb convert --up={mesh.up} rotates it to +y"

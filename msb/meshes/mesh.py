@@ -17,10 +17,10 @@ from msb.errors import Finding, MeshError, finding
 if TYPE_CHECKING:
     from msb.meshes.placement import Placement
 
-# Number of faces whose rounded corners are compared; these faces are evenly spread over all faces.
+# Rounding is measured at this number of faces, which are evenly spread over all faces.
 _SAMPLED_FACES = 200_000
-# Rounding is reported if it exceeds this share of the size of a typical face. Rounding by this share turns
-# normals by 0.1 degrees.
+# A rounding error is reported if it exceeds this share of the size of a typical face. An error of this size
+# turns normals by 0.1 degrees.
 _SEEN = 1e-3
 
 
@@ -113,7 +113,7 @@ class Mesh:
     def select(self, vertices: Any, faces: Any, numbers: NDArray[np.int64]) -> Mesh:
         """Return the mesh with the selected rows of vertices and faces, given as masks or row indices.
 
-        `numbers` (F', 3) are the new `faces`: indices into the selected vertices.
+        The argument `numbers` (F', 3) contains the new `faces`, which index the selected vertices.
         """
         rows: dict[str, Any] = {"faces": numbers}
         by_face = ("face_colors", "face_textures")
@@ -128,7 +128,7 @@ class Mesh:
 
     @property
     def attributes(self) -> dict[str, NDArray[Any]]:
-        """The arrays that split vertices at seams, under the names of `msb.topology.seams`."""
+        """Arrays whose differences split vertices at seams, by the names of `msb.topology.seams`."""
         stored = {"uv": self.vertex_uvs, "corner_uv": self.corner_uvs, "color": self.vertex_colors}
         stored |= {SEAM_KEY: self.vertex_keys, f"corner_{SEAM_KEY}": self.corner_keys}
         stored["face_texture"] = self.face_textures
@@ -145,7 +145,7 @@ def report_left_out(mesh: Mesh) -> tuple[Finding, ...]:
 
 
 def report_origin(mesh: Mesh) -> tuple[Finding, ...]:
-    """Return the findings about coordinates beyond the precision of float32: the origin, the errors."""
+    """Return findings about coordinates that are too precise for float32: the origin, and rounding errors."""
     origin = find_origin(mesh.vertices)
     findings = []
     if any(origin):
@@ -183,10 +183,11 @@ def describe_rounding(mesh: Mesh, rounded: NDArray[Any]) -> str | None:
 def _check(
     name: str, array: NDArray[Any] | None, rows: int | None, widths: tuple[int, ...], types: tuple[type, ...]
 ) -> None:
-    """Raise MESH_ARRAY unless `array` has shape (rows, one of `widths`) and one of `types`.
+    """Raise MESH_ARRAY unless `array` has a valid shape and type: (`rows`, one of `widths`) and one of
+    `types`.
 
-    If `rows` is None, the array is required and may have any number of rows. With `rows`, the array may be
-    None.
+    If `rows` is None, the array must exist and may have any number of rows. If `rows` is given, the array may
+    be None.
     """
     if array is None and rows is not None:
         return

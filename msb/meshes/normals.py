@@ -15,9 +15,9 @@ CREASE = 45.0
 def with_smooth_normals(mesh: Mesh) -> Mesh:
     """Return `mesh` with corner normals that are smooth on slightly bent surfaces and keep creases.
 
-    The normal of a corner is an average over faces at the same place, weighted by area. Faces are included if
-    their normals differ by at most `CREASE` degrees from the normal of the corner's face. All vertices at one
-    place are treated as one vertex, so that texture seams stay invisible.
+    The normal of a corner is an average over faces at the same place, weighted by area. The average includes
+    faces whose normals differ by at most `CREASE` degrees from the normal of the corner's face. All vertices
+    at one place are treated as one vertex, so that texture seams stay invisible.
     """
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -50,7 +50,7 @@ def with_smooth_normals(mesh: Mesh) -> Mesh:
 def _round(normals: NDArray[np.float32]) -> NDArray[np.float32]:
     """Round the normals to 12 bits per coordinate, so that the corners of a smooth vertex are equal.
 
-    The sums at the corners of one vertex differ only in the order of their terms.
+    The corners of one vertex sum their normals in different orders, so the sums differ by rounding errors.
     """
     rounded: NDArray[np.float32] = np.round(normals * 2048) / np.float32(2048)
     return rounded

@@ -113,8 +113,8 @@ def _add_vertices(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> 
     first = np.cumsum(widths) - widths
     parts.vertices.append(values[first[:, None] + np.arange(3)])
     parts.vertex_count += len(widths)
-    # Keep the colours of a block if all its lines have the same number of channels. `read` uses the colours
-    # if the number of channels is the same in all blocks.
+    # Keep the colours of a block if its lines have equal numbers of channels. The colours are used if all
+    # blocks have the same number of channels.
     widths_here = {_COLOR_WIDTHS.get(width, 0) for width in np.unique(widths).tolist()}
     parts.color_widths |= widths_here
     if widths_here in ({3}, {4}):
@@ -124,7 +124,8 @@ def _add_vertices(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> 
 def _add_faces(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> None:
     """Append the polygons of the `f` and `fo` lines.
 
-    `is_vertex` (L,) selects the `v` lines. Negative indices count backwards from the last preceding `v` line.
+    The argument `is_vertex` (L,) selects the `v` lines. Negative indices count backwards from the last
+    preceding `v` line.
     """
     is_face = select_face_lines(words)
     chosen = words.arguments(is_face)
@@ -134,7 +135,7 @@ def _add_faces(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> Non
 
 
 def _describe_wrong_face(text: Source, polygon: int, index: int, vertices: int) -> str:
-    """Parse the file again to find a polygon with an invalid index; return the text for `Mesh.wrong_face`."""
+    """Parse the file again to find a polygon with an invalid index. Return the text for `Mesh.wrong_face`."""
     for words in word_blocks(text, comments=True):
         lines = np.flatnonzero(select_face_lines(words))
         if polygon < len(lines):
@@ -164,7 +165,7 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
         columns = np.column_stack((columns, colors))
         form += " %.9g" * colors.shape[1]
     write_rows(stream, form, columns)
-    # indices: the vertex of each corner (F, 3), and the texture coordinate and normal if there are any.
+    # Collect the indices (F, 3) of vertices, texture coordinates and normals.
     indices, corner = [mesh.faces + 1], "%d"
     if mesh.vertex_uvs is not None or mesh.corner_uvs is not None:
         rows, numbers = _index_coordinates(mesh)
@@ -188,7 +189,9 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
 
 
 def _index_coordinates(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Return the distinct texture coordinates (N, 2), and the indices (F, 3) into them for each corner."""
+    """Return the distinct texture coordinates (N, 2), and the index (F, 3) of the coordinates of each
+    corner.
+    """
     if mesh.corner_uvs is None:
         assert mesh.vertex_uvs is not None
         return mesh.vertex_uvs, mesh.faces

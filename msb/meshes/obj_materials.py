@@ -28,8 +28,8 @@ _MAX_FILES = 1 << 10
 # Longest `map_Kd` line in characters: the longest path in Linux.
 _MAX_LINE = 1 << 12
 _WHITE = (255, 255, 255)
-# Largest number of arguments of map options that can have several arguments. The options `-o`, `-s` and `-t`
-# may have fewer arguments.
+# Map options that have several arguments, with their largest number of arguments. The options `-o`, `-s` and
+# `-t` may have fewer arguments.
 _OPTIONS = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}
 # The values of map options that leave the image unchanged.
 _NEUTRAL = {"-o": 0.0, "-t": 0.0, "-s": 1.0, "-clamp": "off", "-blendu": "on", "-blendv": "on"}
@@ -91,11 +91,11 @@ def names_materials(text: Source) -> bool:
 def with_materials(mesh: Mesh, text: Source, cut: Triangulation) -> tuple[Mesh, LeftOut]:
     """Return `mesh`, which was read from `text`, with textures, and the names of unread data.
 
-    `cut` has the triangles of the polygons.
+    The argument `cut` is the triangulation of the polygons.
 
     A material becomes its image, or a single texel of its colour. Libraries and images that cannot be read
-    are skipped. If a material has no image, its colour is skipped if vertices have colours, or if there are
-    more than `MAX_TEXTURES` colours.
+    are skipped. A material without an image may lose its colour. The colour is lost if vertices have colours,
+    or if there are more than `MAX_TEXTURES` colours.
     """
     # Collect the `usemtl` statements with their byte offsets, and the names of the libraries.
     known: dict[str, _Material] = {}
@@ -153,7 +153,7 @@ def _with_textures(
 ) -> Mesh:
     """Return `mesh` with the textures of its materials.
 
-    `uses` lists the byte offsets of `usemtl` lines and the textures of these lines.
+    The argument `uses` lists the `usemtl` lines by byte offset, and their textures.
     """
     uvs, corners, lines = _read_coordinates(text)
     # A polygon has the texture of the last preceding `usemtl` line. Number the textures that polygons use.
@@ -182,7 +182,7 @@ def _read_coordinates(
 
     The first array has the texture coordinates (T + 1, 2), with v downwards. The last row of texture
     coordinates is for corners without coordinates. The second array (C,) has the coordinate row of each
-    corner, and the third array (P,) the byte offset of each polygon.
+    corner. The third array (P,) has the byte offset of each polygon.
     """
     uvs, corners, lines, above = [], [], [], 0
     for words in word_blocks(text, comments=True):
@@ -228,7 +228,7 @@ def _decode_images(
 ) -> tuple[dict[_Image, _Image], dict[_Image, NDArray[np.uint8]]]:
     """Return the images that can be read, and the texels of these images.
 
-    Several names of one file are mapped to the first of these names, which is also the key of the texels.
+    If a file has several names, all names map to the first name. The texels also have this name as their key.
     """
     decoder, files, texels = Decoder(), set[Path](), {}
     firsts: dict[tuple[Path, bool], _Image] = {}
@@ -306,7 +306,10 @@ def _read_library(data: bytes, known: dict[str, _Material], left_out: LeftOut) -
 
 
 def _parse_color(words: str) -> tuple[int, ...]:
-    """Return the colour of a Kd line in bytes; without three numbers (a spectral curve) it is white."""
+    """Return the colour of a Kd line in bytes.
+
+    A line without three numbers, such as a spectral curve, gives white.
+    """
     values = words.split()[:3]
     if len(values) < 3 or not all(_NUMBER.fullmatch(value) for value in values):
         return _WHITE
@@ -314,7 +317,7 @@ def _parse_color(words: str) -> tuple[int, ...]:
 
 
 def _parse_cutoff(word: str) -> float:
-    """Return the alpha cut-off in a comment; the default if the text is not a number above 0."""
+    """Return the alpha cut-off in a comment. Return the default if the text is not a positive number."""
     value = float(word) if len(word) < 40 and _NUMBER.fullmatch(word) else 0.0
     return value if 0 < value < float("inf") else _CUTOFF
 

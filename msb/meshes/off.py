@@ -27,7 +27,7 @@ _LINE = re.compile(rb"[^\n]*\n?")
 
 @dataclass(frozen=True)
 class _Header:
-    """The parsed header; `body` is the offset of the first byte after the header."""
+    """The parsed header. The field `body` is the offset of the first byte after the header."""
 
     prefixes: frozenset[str]
     vertices: int
@@ -104,7 +104,10 @@ def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
 
 
 def _append_colors(form: str, columns: NDArray[Any], colors: NDArray[Any] | None) -> tuple[str, NDArray[Any]]:
-    """Append `colors` (N, 3 | 4) to the line format and to the columns (N, K); return both."""
+    """Append `colors` (N, 3 | 4) to the line format and to the columns (N, K).
+
+    Return the format and the columns.
+    """
     if colors is None:
         return form, columns
     conversion = " %d" if colors.dtype == np.uint8 else " %r"
@@ -150,7 +153,7 @@ def _read_keyword(text: Source, content: bytes) -> tuple[frozenset[str], bytes]:
 
 
 def _read_vertices(table: Table, header: _Header) -> tuple[NDArray[np.float64], NDArray[Any] | None]:
-    """Return the vertices (V, 3) and their colours; the colours are None if there are none.
+    """Return the vertices (V, 3) and their colours. Without colours, the second value is None.
 
     A line has the position, then the optional normal, colour and texture coordinates.
     """

@@ -33,7 +33,8 @@ _MAX_ERROR = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """The map from the capture to the file: file = scale * rotation @ capture + offset, for column vectors.
+    """This placement maps the capture to the file by file = scale * rotation @ capture + offset, for column
+    vectors.
 
     Attributes
     ----------
@@ -73,10 +74,11 @@ class Placement:
 
 
 def place(mesh: Mesh, *, is_upright: bool) -> Mesh:
-    """Return a mesh in the form for a file: in metres if its unit is known, and with +y up if `is_upright`.
+    """Return a mesh in the form for a file.
 
-    `mesh` is in the coordinates of the capture. The written mesh has a `placement` if it differs from `mesh`,
-    or if a unit is recorded.
+    The mesh is in metres if its unit is known. If `is_upright`, +y is up. The argument `mesh` is in the
+    coordinates of the capture. The written mesh has a `placement` if it differs from `mesh`, or if a unit is
+    recorded.
     """
     frame = mesh.frame or Frame()
     up = frame.up if frame.up is not None else (None if mesh.up is None else parse_up(mesh.up))
@@ -90,7 +92,7 @@ def place(mesh: Mesh, *, is_upright: bool) -> Mesh:
         return mesh
     axis = mesh.up if up is None else nearest_axis(up)
     if rotates and up is not None:
-        # For axes, coordinates are swapped and negated, which is exact; for other directions, use the
+        # An axis only swaps and negates coordinates, which is exact. Directions other than axes use the
         # smallest rotation.
         columns = rotate_axis(np.eye(3), axis or "+y") if is_axis(up) else _rotate_to_y(np.array(up)).T
         rotation = np.ascontiguousarray(columns.T)
@@ -118,7 +120,7 @@ def _rotate_to_y(up: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def take_back(mesh: Mesh, data: Any) -> Mesh:
-    """Return a mesh in the coordinates of the capture, which the JSON `data` of its file records.
+    """Return a mesh in the coordinates of the capture. The file's JSON `data` records these coordinates.
 
     Invalid placement data is ignored, because any program may have written it.
     """
@@ -134,7 +136,7 @@ def take_back(mesh: Mesh, data: Any) -> Mesh:
     else:
         moved = (mesh.vertices.astype(np.float64) - offset) @ (rotation / scale)
         vertices = moved.astype(mesh.vertices.dtype)
-    # The field `up` stores an up axis; the frame stores any other up direction.
+    # The field `up` stores an up axis. The frame stores any other up direction.
     frame = placement.frame or Frame()
     frame = replace(frame, up=None) if frame.up is not None and is_axis(frame.up) else frame
     known = None if frame == Frame() else frame
@@ -153,7 +155,7 @@ def find_comment(data: bytes) -> Any:
 
 
 def _parse(data: Any) -> Placement | None:
-    """Return the placement that JSON data describes; None if the data is invalid."""
+    """Return the placement that JSON data describes. Return None if the data is invalid."""
     try:
         matrix = np.array(data["matrix"], np.float64).reshape(4, 4)
         up, unit, floor = data["up"], data["meters_per_unit"], data["floor"]

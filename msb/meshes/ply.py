@@ -31,7 +31,7 @@ _KNOWN = {"nx": "normals", "ny": "normals", "nz": "normals", **dict.fromkeys(_UV
 
 
 def read(source: Source) -> Mesh:
-    """Read the vertex and face elements; other elements and properties are skipped.
+    """Read the vertex and face elements. Other elements and properties are skipped.
 
     Vertices are float32 if a binary file stores x, y and z as float, else float64. Text is always read as
     float64 and keeps all digits, independent of the declared type.
@@ -105,9 +105,9 @@ def _declare_colors(colors: NDArray[Any] | None) -> list[str]:
 def _write_records(
     stream: BinaryIO, count: int | None, values: NDArray[Any], kind: str, colors: NDArray[Any] | None
 ) -> None:
-    """Write N binary rows.
+    """Write all rows in binary form.
 
-    A row has the list count (unless it is None), then `values` (N, 3), then `colors` (N, 3 | 4).
+    A row has the list count, then `values` (N, 3), then `colors` (N, 3 | 4). A count of None is omitted.
     """
     fields: list[tuple[Any, ...]] = [("values", kind, 3)]
     if count is not None:
@@ -126,7 +126,10 @@ def _write_records(
 
 
 def _hash_unread(vertices: Rows, body: Body, read: set[str]) -> NDArray[np.uint32] | None:
-    """Return the seam keys (V,) from the vertex properties that are not in `read`, or None without any."""
+    """Return the seam keys (V,) from the vertex properties that are not in `read`.
+
+    Return None if all properties are in `read`.
+    """
     names = [
         entry.name for entry in vertices.element.properties if entry.name not in read and not entry.count_type
     ]
@@ -166,7 +169,7 @@ def _check_elements(source: Source, header: Header) -> None:
 
 
 def _find_index_list(face: Element) -> str:
-    """Return the name of the list of vertex indices; "" if there is no such list."""
+    """Return the name of the list of vertex indices. Return "" if there is no such list."""
     for name in _INDEX_NAMES:
         property_ = face.find(name)
         if property_ is not None and property_.count_type and np.dtype(property_.type).kind in "iu":

@@ -22,7 +22,7 @@ from msb.meshes.text import Table, read_table
 
 @dataclass(frozen=True)
 class Rows:
-    """The rows of `element`; `place` (N,) int64 is the offset of each row in the body."""
+    """The rows of `element`. The field `place` (N,) int64 is the offset of each row in the body."""
 
     element: Element
     place: NDArray[np.int64]
@@ -43,8 +43,8 @@ class Body(Protocol):
     def _after(self, place: NDArray[np.int64], wanted: Property) -> NDArray[np.int64]:
         """Return the offset (N,) after a property at offset `place` (N,).
 
-        An invalid list length in a text body gives an offset beyond the table, so that `next_rows` rejects
-        the row.
+        In a text body, an invalid list length gives an offset beyond the table. `next_rows` then rejects the
+        row.
         """
 
     def next_rows(self, element: Element) -> Rows:
@@ -63,9 +63,9 @@ class Body(Protocol):
         """Return the lengths (N,) and the concatenated numbers (C,) of a list property."""
 
     def wrong_face(self, rows: Rows, row: int, index: int, vertices: int) -> str | None:
-        """Return the text for `Mesh.wrong_face` for a row with the invalid vertex `index`.
+        """Return the text for `Mesh.wrong_face` about the row with the invalid vertex `index`.
 
-        The result is None for binary files, because they have no line numbers.
+        The result is None for binary files, because binary files have no line numbers.
         """
         return None
 
@@ -272,8 +272,8 @@ def _width(kind: str) -> int:
 def _describe_rows(element: Element, order: str) -> tuple[list[tuple[int, struct.Struct, int]], int]:
     """Return the layout of a row: its lists, and the bytes after the last list.
 
-    The layout of a list has three entries: the number of preceding bytes, the struct of its count, and the
-    bytes per item.
+    The layout of a list has three entries. The entries are the number of preceding bytes, the struct of the
+    count, and the bytes per item.
     """
     lists, gap = [], 0
     for entry in element.properties:

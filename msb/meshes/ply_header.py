@@ -35,8 +35,8 @@ _COUNT = re.compile(r"\d{1,18}")
 class Property:
     """A property.
 
-    The field `type` is a value of `TYPES`. For a list, `count_type` is a value of `TYPES`; for a scalar, it
-    is empty.
+    The field `type` is a value of `TYPES`. The field `count_type` is a value of `TYPES` for a list, and empty
+    for a scalar.
     """
 
     name: str
@@ -64,8 +64,9 @@ class Element:
 class Header:
     """The parsed header.
 
-    The field `order` is a value of `FORMATS`. `body` is the offset of the body in the file, in bytes.
-    `images` has the names of texture images in comments, and `comments` has the other comments.
+    The field `order` is a value of `FORMATS`. The field `body` is the offset of the body in the file, in
+    bytes. The field `images` has the names of texture images in comments. The field `comments` has all other
+    comments.
     """
 
     order: str
@@ -155,7 +156,10 @@ def _read_element(source: Source, where: str, name: str, count: str) -> Element:
 
 
 def _read_property(source: Source, where: str, words: list[str]) -> Property:
-    """Return the property that a header line declares; `words` are the words after "property"."""
+    """Return the property that a header line declares.
+
+    The argument `words` has the words after "property".
+    """
     match words:
         case ["list", count_type, kind, name]:
             names = [count_type, kind]

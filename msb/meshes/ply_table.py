@@ -17,7 +17,7 @@ from msb.meshes.source import Source
 
 @dataclass(frozen=True, eq=False)
 class PlyTable:
-    """The `count` rows of an element; `names` are the names of its properties in file order."""
+    """The `count` rows of an element. The field `names` has the names of its properties in file order."""
 
     count: int
     names: tuple[str, ...]
@@ -26,13 +26,13 @@ class PlyTable:
     def columns(self, names: Sequence[str]) -> NDArray[np.float32]:
         """Return the properties `names` as a new (count, len(names)) float32 array."""
         values = np.zeros((self.count, len(names)), np.float32)
-        with np.errstate(over="ignore"):  # callers reject infinite values
+        with np.errstate(over="ignore"):  # Callers reject infinite values.
             for number, name in enumerate(names):
                 values[:, number] = self._columns[name]
         return values
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return the property `name` (count,) in the type of the file; float64 for a text file."""
+        """Return the property `name` (count,) in the type of the file. Return float64 for a text file."""
         return self._columns[name]
 
 
@@ -56,7 +56,7 @@ def read_ply_table(path: Path) -> PlyTable:
     if [name for name, table in tables.items() if table.count] != ["vertex"]:
         raise source.error(
             "MESH_FILE_INVALID",
-            "the file is not a table; only element 'vertex' may have rows, and these must not have lists",
+            "the file is not a table; only element 'vertex' may have rows, and it must not have lists",
         )
     return tables["vertex"]
 
@@ -110,7 +110,7 @@ def _read_text(source: Source, header: Header) -> dict[str, PlyTable]:
 
 
 def _open(path: Path) -> tuple[memoryview, Header, Source]:
-    """Map a PLY file into memory; return its bytes, its header, and the source for errors."""
+    """Map a PLY file into memory. Return its bytes, its header, and the source for errors."""
     data = memoryview(map_file(Path(path)))
     source = Source(str(path), bytes(data[: MAX_HEADER_BYTES + 1]))
     if not data:

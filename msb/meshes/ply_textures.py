@@ -46,9 +46,10 @@ def with_textures(
 ) -> Mesh:
     """Return `mesh` with its texture coordinates, and with the `images` that its header names.
 
-    `rows` are the rows of the elements for vertices and faces. `counts` (N,) are the numbers of corners of
-    the polygons, and `cut` has the triangles of the polygons. In a PLY file, v points upwards. A face without
-    texture coordinates is white. Images that cannot be read become white and are listed in `left_out`.
+    The argument `rows` contains the rows of the elements for vertices and faces. The argument `counts` (N,)
+    is the number of corners of each polygon. The argument `cut` contains the triangles of the polygons. In a
+    PLY file, v points upwards. A face without texture coordinates is white. Images that cannot be read become
+    white and are listed in `left_out`.
     """
     vertices, faces = rows
     pair = _find_pair(vertices.element)
@@ -98,7 +99,7 @@ def _turn(uvs: NDArray[np.generic]) -> NDArray[np.float32]:
 def _read_numbers(body: Body, faces: Rows, images: int) -> NDArray[np.int64]:
     """Return the number (N,) of the image of each polygon.
 
-    An invalid number becomes the number of images, `images`.
+    An invalid image number is replaced by `images`, the number of images.
     """
     entry = faces.element.find(_NUMBER)
     if images == 1 or entry is None or entry.count_type:
@@ -108,7 +109,10 @@ def _read_numbers(body: Body, faces: Rows, images: int) -> NDArray[np.int64]:
 
 
 def _with_images(mesh: Mesh, source: Source, images: tuple[str, ...], numbers: NDArray[np.int64]) -> Mesh:
-    """Return `mesh` with the images that its faces use. `numbers` (F,) are the image numbers of the faces."""
+    """Return `mesh` with the images that its faces use.
+
+    The argument `numbers` (F,) contains the image numbers of the faces.
+    """
     used, of_face = np.unique(numbers, return_inverse=True)
     if len(used) > MAX_TEXTURES:
         text = f"the file has {len(used)} textures; at most {MAX_TEXTURES} are supported"

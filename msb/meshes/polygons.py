@@ -13,7 +13,7 @@ _AREA_TOLERANCE = 1e-6
 # Rounding error of areas for float32 coordinates, relative to the squared size of a polygon.
 _ROUNDING = 4e-7
 # Limit of the work for cutting ears. The work is the sum of the squared numbers of corners of all polygons.
-# The work limit is a fixed number, plus a number for each corner of the file. Polygons beyond the limit
+# The limit is `_WORK` plus `_WORK_PER_CORNER` for each polygon corner of the file. Polygons beyond the limit
 # become triangle fans. In a small file, outlines of up to 2,048 corners are triangulated, which takes a
 # second.
 _WORK, _WORK_PER_CORNER = 1 << 22, 64
@@ -62,14 +62,14 @@ class Triangulation:
 def triangulate(points: NDArray[Any], corners: NDArray[np.int64], counts: NDArray[np.int64]) -> Triangulation:
     """Split every polygon into triangles, without new vertices.
 
-    `points` (V, 3) are the vertices. `corners` (C,) are the concatenated vertex indices of all polygons.
-    `counts` (N,) is the number of corners of each polygon. A polygon with n corners gives n - 2 triangles.
-    Polygons with fewer than three corners are dropped.
+    The argument `points` (V, 3) contains the vertices. The argument `corners` (C,) contains the concatenated
+    vertex indices of all polygons. The argument `counts` (N,) is the number of corners of each polygon. A
+    polygon with n corners gives n - 2 triangles. Polygons with fewer than three corners are dropped.
 
     Usually a polygon becomes the triangle fan (0, 1, 2), (0, 2, 3), ... around its first corner. The fan of a
-    convex polygon has no reversed triangle. If a fan triangle is reversed, ears of the polygon are cut, in
-    the projection along its normal by Newell's method. A polygon that crosses itself stays a fan. A polygon
-    with invalid vertices also stays a fan.
+    convex polygon has no reversed triangle. If a fan triangle is reversed, the polygon is cut by removing
+    ears. The polygon is first projected along its normal, computed by Newell's method. A polygon that crosses
+    itself stays a fan. A polygon with invalid vertices also stays a fan.
     """
     order, polygon = _make_fans(counts)
     if np.all(counts <= 3):
@@ -127,10 +127,10 @@ def _gather(
     counts: NDArray[np.int64],
     width: int,
 ) -> Floats:
-    """Return x, y and z (3, P, `width`) of polygons relative to their first corner, with a size of 1.
+    """Return x, y and z (3, P, `width`) of polygons relative to their first corner.
 
-    `first` (P,) are the positions of the first corners. Shorter polygons are padded with their last corner.
-    Invalid vertices have NaN coordinates.
+    The polygons are scaled to a size of 1. The argument `first` (P,) contains the positions of the first
+    corners. Shorter polygons are padded with their last corner. Invalid vertices have NaN coordinates.
     """
     rows = corners[first[:, None] + np.minimum(np.arange(width), counts[:, None] - 1)]
     wrong = (rows < 0) | (rows >= len(points))
@@ -157,8 +157,8 @@ def _judge_fans(placed: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     reversed triangles. The second mask selects polygons that cross themselves.
     """
     with np.errstate(all="ignore"):
-        # across (3, P, n - 2): twice the area of each fan triangle, along its normal. The sum over the
-        # triangles is the normal of the polygon by Newell's method.
+        # Compute `across` (3, P, n - 2), twice the area of each fan triangle along its normal. The sum over
+        # the triangles is the normal of the polygon by Newell's method.
         a, b = placed[..., 1:-1], placed[..., 2:]
         across = _cross(a, b)
         normal = across.sum(axis=2)
@@ -215,8 +215,8 @@ def _project(placed: Floats) -> tuple[Floats, Floats]:
 def _cut_ears(x: Floats, y: Floats, counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Cut counter-clockwise polygons with the coordinates (P, M) and `counts` (P,) corners into triangles.
 
-    Return the corners (P, M - 2, 3) of the triangles, and a mask (P,) of the polygons that were cut. In each
-    round, every polygon loses its best-shaped ear.
+    Return the corners (P, M - 2, 3) of the triangles. Also return a mask (P,) of the polygons that were cut.
+    In each round, every polygon loses its best-shaped ear.
     """
     ring = _Ring.of(x, y, counts)
     polygons, width = x.shape
@@ -245,8 +245,8 @@ def _cut_ears(x: Floats, y: Floats, counts: NDArray[np.int64]) -> tuple[NDArray[
 class _Ring:
     """The remaining corners of polygons, as linked rings.
 
-    `x`, `y` (P, M) are the coordinates of the corners, and `before` and `after` (P, M) the neighbours of the
-    corners. The mask `is_left` (P, M) selects the remaining corners.
+    The fields `x` and `y` (P, M) are the coordinates of the corners. The fields `before` and `after` (P, M)
+    are the neighbours of the corners. The mask `is_left` (P, M) selects the remaining corners.
     """
 
     x: Floats
@@ -279,8 +279,8 @@ class _Ring:
 
         The shape is the area divided by the sum of squared sides. An ear contains no other corner of the
         polygon, not even on its sides. Corners that coincide with a corner of the ear are ignored. Coinciding
-        corners exist where a cut joins a hole to the outline. No side of the polygon may lead from the tip of
-        an ear into the triangle.
+        corners exist where a cut joins a hole to the outline. An ear is invalid if another side of the
+        polygon leads from the tip of the ear into its triangle.
         """
         every = np.arange(len(corner))
         before, after = self.before[every, corner], self.after[every, corner]
@@ -299,7 +299,7 @@ class _Ring:
         is_inside = (_area(a, b, q) >= 0) & (_area(b, c, q) >= 0) & (_area(c, a, q) >= 0)
         at_tip, at_end = ((q[0] == p[0]) & (q[1] == p[1]) for p in (b, a))
         at_end |= (q[0] == c[0]) & (q[1] == c[1])
-        # A side leads into the triangle if it lies between the two sides of the triangle at the tip.
+        # A side leads into the triangle if its direction lies between the two sides at the tip.
         leads_in = np.zeros(len(polygon), bool)
         for neighbours in (self.before, self.after):
             end = neighbours[polygon, number]
@@ -351,9 +351,10 @@ def _area(a: Point, b: Point, c: Point) -> Floats:
 def find_wrong_polygon(
     faces: NDArray[np.int64], polygon: NDArray[np.int64], vertices: int
 ) -> tuple[int, int] | None:
-    """Return the first polygon with a vertex index outside 0..`vertices` - 1, and the index; or None.
+    """Return the first polygon with a vertex index outside 0..`vertices` - 1, and the index.
 
-    `faces` (F, 3) and `polygon` (F,) are the triangles and polygons of a `Triangulation`.
+    Return None if all indices are valid. The arguments `faces` (F, 3) and `polygon` (F,) are the triangles
+    and polygons of a `Triangulation`.
     """
     if not faces.size or (faces.min() >= 0 and faces.max() < vertices):
         return None
@@ -365,8 +366,8 @@ def find_wrong_polygon(
 def join_faces(parts: Iterable[NDArray[np.int64]], counts: Sequence[int]) -> NDArray[np.int64]:
     """Concatenate the faces of several parts, renumbered for the concatenated vertices.
 
-    `counts` are the numbers of vertices of the parts. An index outside its part is moved outside all
-    vertices, so it stays invalid.
+    The argument `counts` contains the numbers of vertices of the parts. An invalid index of a part is changed
+    to an index that is invalid in the result.
     """
     total, base, joined = sum(counts), 0, []
     for faces, count in zip(parts, counts, strict=True):

@@ -52,7 +52,8 @@ class Source:
     def wrong_index(self, byte: int, index: int, vertices: int, *, first: int = 0) -> str:
         """Return the text for `Mesh.wrong_face` for the face in the line at byte offset `byte`.
 
-        `index` is the invalid vertex index, counted from 0. The file counts vertices from `first`.
+        The argument `index` is the invalid vertex index, counted from 0. The file counts vertices from
+        `first`.
         """
         valid = f"valid are {first} to {vertices - 1 + first}" if vertices else "the file has no vertices"
         return f"{self.line(byte)}: a face uses vertex {index + first}; {valid}"
@@ -66,7 +67,7 @@ class Source:
         """Return the error for content that is not of format `name`.
 
         If the content looks like another format, the error names that format. If no format is recognised, the
-        error gives the reason `why`.
+        error message gives the reason `why`.
         """
         other = self.looks_like()
         if other is not None and other.title != name:

@@ -18,7 +18,7 @@ from msb.meshes.text import Words, word_blocks
 from msb.meshes.writing import ROWS_AT_A_TIME, as_float32
 
 _HEADER_BYTES = 84
-# The bytes of a face in a binary file. 80 arbitrary bytes and the number of faces precede the faces.
+# Bytes of one face in a binary file.
 _FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 # The first words of the lines of a face, in order.
@@ -30,10 +30,10 @@ _FACE_CODES = [_CODES[keyword] for keyword in _LINES]
 
 
 def read(source: Source) -> Mesh:
-    """Read a binary or text STL file. Several solids are concatenated; normals and attributes are ignored.
+    """Read a binary or text STL file. Several solids are concatenated. Normals and attributes are ignored.
 
-    Vertices of text files are also float32, unless they need an origin. With float64 coordinates, the areas
-    of published files would change by 2e-8. The mesh has 3F vertices, and the faces are (0, 1, 2), (3, 4, 5),
+    Vertices of text files are also float32, unless they need an origin. The precision float64 would change
+    the areas of published files by 2e-8. The mesh has 3F vertices, and the faces are (0, 1, 2), (3, 4, 5),
     and so on.
     """
     data = source.data
@@ -91,7 +91,7 @@ def _read_text(text: Source) -> NDArray[Any]:
 
 
 def _classify_lines(words: Words) -> NDArray[np.uint8]:
-    """Return the code of the first word of each line (L,); 0 if the word is not a keyword."""
+    """Return the code of the first word of each line (L,). The code is 0 if the word is not a keyword."""
     codes = np.zeros(len(words.first), dtype=np.uint8)
     for keyword, code in _CODES.items():
         codes[words.lines_beginning(keyword)] = code
@@ -111,10 +111,11 @@ def _read_vertices(words: Words, is_vertex: NDArray[np.bool_]) -> NDArray[np.flo
 def _check_order(text: Source, codes: NDArray[np.uint8], places: NDArray[np.int64]) -> None:
     """Raise an error if a face is incomplete, or if "solid" or "endsolid" interrupts a face.
 
-    `codes` (L,) are the codes of the lines' first words, `places` (L,) the byte offsets of the lines.
+    The argument `codes` (L,) has the codes of the lines' first words. The argument `places` (L,) has the byte
+    offsets of the lines.
     """
     between = codes >= _CODES[b"solid"]
-    # All lines except "solid" and "endsolid" must be complete faces, with lines in this order.
+    # Every face must consist of these lines in this order, except for "solid" and "endsolid" lines.
     in_faces = np.flatnonzero(~between)
     expected = np.resize(_FACE_CODES, len(in_faces))
     wrong = in_faces[codes[in_faces] != expected]
@@ -130,6 +131,6 @@ def _check_order(text: Source, codes: NDArray[np.uint8], places: NDArray[np.int6
         raise text.line_error("MESH_FILE_TRUNCATED", int(places[-1]), "the file ends without 'endsolid'")
 
 
-# Signature of STL text files; binary files have no signature.
+# Signature of STL text files. Binary files have no signature.
 _BEGINS = re.compile(rb"\s*+solid\b", re.IGNORECASE)
 FORMAT = Format("STL", (".stl",), read, write, begins=_BEGINS, is_soup=True, is_single=True)

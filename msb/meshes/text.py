@@ -26,8 +26,8 @@ EXACT_INTEGER = 2**53
 
 _IS_SPACE = np.isin(np.arange(256), list(b" \t\n\r\v\f"))
 _IS_FRACTION = np.isin(np.arange(256), list(b".eEnN"))
-# A number. The possessive quantifiers (++, *+) never backtrack. So a million digits followed by a letter are
-# rejected in linear time.
+# A number. The possessive quantifiers (++, *+) never backtrack. Therefore a million digits with a letter at
+# the end are rejected in linear time.
 _NUMBER = re.compile(rb"[+-]?((\d++\.?\d*+|\.\d++)(e[+-]?\d++)?|inf|infinity|nan(\(\w*+\))?)", re.IGNORECASE)
 
 
@@ -109,9 +109,9 @@ class Words:
     def indices(self, chosen: NDArray[np.bool_], above: NDArray[np.int64], of: str) -> NDArray[np.int64]:
         """Return the selected words (T,) as zero-based OBJ indices.
 
-        In the file, positive indices count from 1. Negative indices count backwards; -1 is the last element
-        above the line. `above` (L,) is the number of elements above each line. `of` is the name of the
-        elements in messages.
+        In the file, positive indices count from 1. Negative indices count backwards. The index -1 is the last
+        element above the line. The argument `above` (L,) is the number of elements above each line. Messages
+        call the elements `of`.
         """
         values = self.numbers(chosen)
         at = find_not_whole(values)
@@ -140,7 +140,7 @@ class Words:
     def _bad_number(self, start: NDArray[np.int64], end: NDArray[np.int64]) -> MeshFileError:
         """Return the error about the first word that is not a number.
 
-        `start` and `end` (N,) are the offsets of the words.
+        The arguments `start` and `end` (N,) are the offsets of the words.
         """
         for first, last in zip(start.tolist(), end.tolist(), strict=True):
             word = self.text[first:last].tobytes()
@@ -194,7 +194,7 @@ class Table:
     def integers(self, places: NDArray[np.int64], what: str) -> NDArray[np.int64]:
         """Return the `values` at `places` as integers, in the shape of `places`.
 
-        `what` names the values in the error for a value that is not an integer.
+        The text `what` names the values in the error for a value that is not an integer.
         """
         values = self.values[places]
         bad = find_not_whole(values.ravel())
@@ -208,7 +208,7 @@ class Table:
 def read_table(source: Source, start: int, *, comments: bool = False) -> Table:
     """Return all numbers of a text, starting at byte `start`.
 
-    `comments` has the same meaning as in `word_blocks`.
+    The argument `comments` has the same meaning as in `word_blocks`.
     """
     values, counts, places, fractions = [np.zeros(0)], [np.zeros(1, np.int64)], [np.zeros(0, np.int64)], []
     for words in word_blocks(source, start, comments=comments):
@@ -245,7 +245,7 @@ def _split_words(source: Source, start: int, end: int, comments: bool) -> Words:
     space[1:-1] = _IS_SPACE[text]
     edges = np.flatnonzero(space[1:] != space[:-1])
     begins = edges[0::2]
-    # A word is the first of its line if more line ends precede this word than the previous word.
+    # A word begins a line if a line end lies between this word and the previous word.
     line = np.cumsum(line_end, dtype=np.int32)[begins]
     first = np.flatnonzero(np.diff(line, prepend=-1))
     count = np.diff(first, append=len(begins))

@@ -43,7 +43,7 @@ _PLAIN = np.full((1, 1, 3), 255, np.uint8)
 def read(source: Source) -> Mesh:
     """Return the visible meshes of a stage at its earliest time, in world coordinates in metres.
 
-    usd-core reads the file in a child process. Stages composed of several files are rejected; only images may
+    usd-core reads the file in a child process. Stages composed of several files are rejected. Only images may
     be separate files.
     """
     need_extra("usd", "pxr", what="a USD file")
@@ -78,7 +78,7 @@ def read(source: Source) -> Mesh:
         from msb.meshes.assets import with_corner_colors
 
         with about(source.path):
-            check_indices(mesh)  # before vertices are split
+            check_indices(mesh)  # Check the indices before vertices are split.
         mesh = with_corner_colors(mesh, colors["corner"])
     if "corner_normals" in arrays:
         mesh = replace(mesh, corner_keys=hash_attributes([arrays["corner_normals"]]))
@@ -100,7 +100,7 @@ def _check_whole(source: Source) -> None:
 def _with_textures(mesh: Mesh, source: Source, data: dict[str, Any]) -> Mesh:
     """Return `mesh` with its images, which are in the package or in separate files.
 
-    Images that cannot be read are listed in `left_out`; faces with these images are white.
+    Images that cannot be read are listed in `left_out`. Faces with these images are white.
     """
     uses, decoder = data["textures"], Decoder()
     if len(uses) > MAX_TEXTURES:
@@ -125,7 +125,7 @@ def _with_textures(mesh: Mesh, source: Source, data: dict[str, Any]) -> Mesh:
 def _adjust_texels(image: NDArray[np.uint8], use: Mapping[str, Any]) -> NDArray[np.uint8]:
     """Return `image` as sRGB texels (H, W, 3 | 4).
 
-    `use` has the fields of `msb.meshes.usd_materials.ImageUse`.
+    The argument `use` has the fields of `msb.meshes.usd_materials.ImageUse`.
     """
     scale, bias = use["scale"], use["bias"]
     if not use["is_raw"] and (set(scale), set(bias)) == ({1.0}, {0.0}):
@@ -150,7 +150,7 @@ def _read_image(source: Source, name: str) -> bytes:
     try:
         with zipfile.ZipFile(io.BytesIO(source.data)) as archive:
             about = archive.getinfo(name)
-            # USD packages are not compressed. So an image in a package cannot be larger than the file.
+            # USD packages are not compressed. Therefore an image in a package cannot be larger than the file.
             if about.compress_type == zipfile.ZIP_STORED:
                 return archive.read(about)
     except (KeyError, zipfile.BadZipFile, OSError, RuntimeError, NotImplementedError):

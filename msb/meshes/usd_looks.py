@@ -1,6 +1,6 @@
 """Splits a textured mesh into groups of faces that one UsdPreviewSurface material can show.
 
-A UsdPreviewSurface material shows an image multiplied with one colour, or one colour, or the primvar
+A UsdPreviewSurface material shows either an image multiplied with one colour, a single colour, or the primvar
 `displayColor`. A UsdPreviewSurface material cannot multiply an image with colours that vary between vertices.
 """
 
@@ -16,7 +16,7 @@ from msb.meshes.image_files import describe_counts, encode_images, is_single_tex
 from msb.meshes.mesh import Mesh
 
 # Largest number of materials with a uniform colour for the faces of one texture. With more colours than this,
-# faces without an image use `displayColor`, and faces with an image use the average colour.
+# faces without an image use `displayColor`. Faces with an image then use the average colour.
 _MAX_COLORS = 64
 WHITE = (1.0, 1.0, 1.0)
 
@@ -32,7 +32,7 @@ class FaceGroup:
     image : int, optional
         The number of the texture.
     color : tuple of float, optional
-        The colour of the faces or, if they have an image, its factor; linear light. None means
+        The colour of the faces or, if they have an image, its factor; linear light. The value None means
         `displayColor`.
     is_average : bool
         Whether the colour replaces colours that vary.

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 Vector = tuple[float, ...]
-# The 2 x 3 matrix by which texture coordinates (u, v, 1) are multiplied; v points upwards.
+# The 2 x 3 matrix by which texture coordinates (u, v, 1) are multiplied. The coordinate v points upwards.
 Matrix = tuple[Vector, Vector]
 
 _WRAPS = {"clamp": "clamp", "black": "clamp", "mirror": "mirror"}
@@ -18,7 +18,7 @@ _BLACK, _ONES, _ZEROS = (0.0, 0.0, 0.0), (1.0,) * 4, (0.0,) * 4
 # Longest chain of UsdTransform2d nodes that is followed. Malicious files may connect UsdTransform2d nodes in
 # a circle.
 _MAX_TRANSFORMS = 16
-# Names of UsdPreviewSurface inputs that are not read if a shader computes them.
+# UsdPreviewSurface inputs that cannot be read if a shader computes their values, with names for messages.
 _OTHER_MAPS = {
     "normal": "normal maps",
     "occlusion": "occlusion maps",
@@ -31,8 +31,9 @@ _OTHER_MAPS = {
 class ImageUse:
     """An image file, and the conversions of its texels before rendering.
 
-    In linear light, a texel is multiplied with `scale` (RGBA), and `bias` (RGBA) is added. `is_raw` is set if
-    the file stores linear light. `has_alpha` is set if alpha is compared with the cut-off.
+    In linear light, a texel is multiplied with `scale` (RGBA), and `bias` (RGBA) is added. The field `is_raw`
+    is set if the file stores linear light. The field `has_alpha` is set if alpha is compared with the
+    cut-off.
     """
 
     file: str
@@ -46,7 +47,7 @@ class ImageUse:
 class Material:
     """The colour of a USD material.
 
-    The colour comes from the image if there is one, else from the uniform colour, else from the primvar.
+    The colour comes from the image if an image exists, else from the uniform colour, else from the primvar.
 
     Attributes
     ----------
@@ -79,7 +80,7 @@ UNBOUND = Material(primvar="displayColor")
 
 
 class _Source(NamedTuple):
-    """The source that an input is connected to: a shader and the name of its output, a value, or nothing."""
+    """The source of an input: a shader and the name of its output, a value, or nothing."""
 
     shader: Any = None
     output: str = ""
@@ -193,9 +194,10 @@ class MaterialReader:
         return np.array([[cos * across, -sin * up, x], [sin * across, cos * up, y], [0, 0, 1]])
 
     def _read_cutoff(self, surface: Any, reader: Any) -> float | None:
-        """Return the alpha cut-off of a surface with a colour from `reader`; None if the surface is opaque.
+        """Return the alpha cut-off of a surface with a colour from `reader`.
 
-        Only the alpha channel of the image with the colour can cut holes.
+        Return None if the surface is opaque. Only the alpha channel of the image with the colour can cut
+        holes.
         """
         opacity = self._follow(surface, "opacity")
         threshold = _number(self._follow(surface, "opacityThreshold").value, 0.0)
@@ -214,7 +216,7 @@ class MaterialReader:
         return None
 
     def _read_path(self, reader: Any) -> str:
-        """Return the path of the image of a texture reader; the path is empty without an image."""
+        """Return the path of the image of a texture reader. The path is empty without an image."""
         file = self._follow(reader, "file").value
         return str(getattr(file, "path", file) or "")
 
@@ -236,24 +238,30 @@ class MaterialReader:
 
 
 def _color(value: Any, default: Vector) -> Vector:
-    """Return `value` if it is three numbers, else `default`. The numbers may be outside [0, 1] or NaN."""
+    """Return `value` if it consists of three numbers, else `default`.
+
+    The numbers may be outside [0, 1] or NaN.
+    """
     numbers = list_numbers(value)
     return numbers if len(numbers) == len(default) else default
 
 
 def _vector(value: Any, default: Vector) -> Vector:
-    """Return `value` as finite numbers; `default` if it is missing, not finite or of another length."""
+    """Return `value` as finite numbers.
+
+    Return `default` if `value` is missing, not finite or of another length.
+    """
     numbers = list_numbers(value)
     return numbers if len(numbers) == len(default) and np.isfinite(numbers).all() else default
 
 
 def _number(value: Any, default: float) -> float:
-    """Return `value` as a finite number; `default` if it is missing or not a finite number."""
+    """Return `value` as a finite number. Return `default` if `value` is missing or not a finite number."""
     return _vector(value, (default,))[0]
 
 
 def list_numbers(value: Any) -> Vector:
-    """Return the numbers in `value`; empty if it is missing or not numeric."""
+    """Return the numbers in `value`, or an empty list if `value` is not numeric."""
     try:
         return tuple(np.array([] if value is None else value, np.float64).reshape(-1).tolist())
     except (TypeError, ValueError):
@@ -263,7 +271,7 @@ def list_numbers(value: Any) -> Vector:
 def unite_textures(materials: list[Material], left_out: dict[str, None]) -> tuple[tuple[str, str], Any]:
     """Return the wrap modes and the alpha cut-off of a mesh with these textured materials.
 
-    A mesh has only one sampler. The first material sets the wrap modes; the alpha cut-off is the smallest of
+    A mesh has only one sampler. The first material sets the wrap modes. The alpha cut-off is the smallest of
     all materials.
     """
     cutoffs = {material.cutoff for material in materials if material.cutoff is not None}

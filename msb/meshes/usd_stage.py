@@ -16,7 +16,7 @@ Floats = NDArray[np.float32]
 # A domain ("constant", "vertex", "face", "corner") and its values (n, width).
 Values = tuple[str, Floats]
 
-# Domains of the values of a primvar, by its interpolation. If the interpolation is different, values are per
+# Maps the interpolation of a primvar to the domain of its values. All other interpolations mean one value per
 # vertex.
 _DOMAINS = {"uniform": "face", "faceVarying": "corner"}
 
@@ -25,8 +25,8 @@ _DOMAINS = {"uniform": "face", "faceVarying": "corner"}
 class _PrimArrays:
     """The triangles of a mesh prim with their colours, UVs and textures.
 
-    `colors` (linear light) and `uvs` are None if the prim does not define them. `textures` (F,) are image
-    numbers. `normals` explain duplicated vertices and are not kept.
+    The fields `colors` (linear light) and `uvs` are None if the prim does not define them. The field
+    `textures` (F,) contains image numbers. The field `normals` is only used to explain duplicated vertices.
     """
 
     points: NDArray[Any]
@@ -40,7 +40,7 @@ class _PrimArrays:
 def read_stage(word: str, _: Arrays) -> tuple[Any, Arrays]:
     """Read the file `word`.
 
-    This function runs in the child process; it is a `Work` of `msb.base.children`.
+    This function runs in the child process. The function is a `Work` of `msb.base.children`.
     """
     from pxr import Sdf, Tf, Usd, UsdGeom
 
@@ -84,8 +84,9 @@ class _Refused(Exception):
 class _Reader:
     """Reader for the mesh prims of a USD stage.
 
-    `images` has the numbers of the images, in the order of their use. The key None means faces without an
-    image. `textured` has the materials in use that have an image. `left_out` has the names of unread data.
+    The field `images` has the numbers of the images, in the order of their use. The key None means faces
+    without an image. The field `textured` has the materials in use that have an image. The field `left_out`
+    has the names of unread data.
     """
 
     def __init__(self, stage: Any) -> None:
@@ -102,7 +103,7 @@ class _Reader:
             self.left_out["references that cannot be resolved"] = None
 
     def _read_unit(self, stage: Any) -> float:
-        """Return the length of the stage's unit in metres; 0.01 if the stage has no valid unit."""
+        """Return the length of the stage's unit in metres. Without a valid unit, the length is 0.01."""
         from pxr import UsdGeom
 
         stored = float(UsdGeom.GetStageMetersPerUnit(stage))
@@ -178,8 +179,8 @@ class _Reader:
     ) -> None:
         """Add colours, UVs and textures to the `arrays` of a prim.
 
-        `materials` are the materials of the prim, with the triangles of each material. `read` is a function
-        of the name of a primvar and the width of its values; it returns the values.
+        The argument `materials` contains the materials of the prim, with the triangles of each material.
+        `read(name, width)` returns the values of a primvar.
         """
         # Read the texture coordinates of the images. A material without texture coordinates loses its image.
         placed: dict[tuple[str, Any], Values | None] = {}
@@ -207,7 +208,7 @@ class _Reader:
             arrays.colors = _combine(colors, arrays, 3, 1.0)
 
     def _read_array(self, attribute: Any, dtype: Any, shape: tuple[int, ...]) -> NDArray[Any]:
-        """Return the values of an attribute; an empty array if the attribute is not set."""
+        """Return the values of an attribute. Return an empty array if the attribute is not set."""
         stored = attribute.Get(self._time)
         return np.array([] if stored is None else stored, dtype).reshape(shape)
 
@@ -222,9 +223,9 @@ class _Reader:
     ) -> Values | None:
         """Return the domain of the primvar `name` and its values (n, `width`), or None if it is not set.
 
-        `shape` has the numbers of vertices, polygons and polygon corners. `order` and `polygon` are the
-        arrays of `read_prim`. Values of polygons become values of triangles. A primvar with a wrong number of
-        values is ignored. For `displayColor`, a wrong number is an error.
+        The argument `shape` has the numbers of vertices, polygons and polygon corners. The arguments `order`
+        and `polygon` are the arrays of `read_prim`. Values of polygons become values of triangles. A primvar
+        with a wrong number of values is ignored. For `displayColor`, a wrong number is an error.
         """
         from pxr import UsdGeom
 
@@ -275,11 +276,12 @@ class _Reader:
     ) -> list[tuple[Material, NDArray[np.int64]]]:
         """Return the materials that the triangles of a mesh use, each with the numbers of its triangles.
 
-        The mesh has `count` polygons; `polygon` (F,) is the polygon of each triangle.
+        The mesh has `count` polygons. The argument `polygon` (F,) is the polygon of each triangle.
         """
         from pxr import UsdGeom, UsdShade
 
-        # owner (P,): the material of each polygon, from its subset, else from the prim.
+        # Compute `owner` (P,), the material of each polygon. The material of a polygon comes from its subset,
+        # or else from the prim.
         numbers = {self._materials.find(mesh.GetPrim()): 0}
         owner = np.zeros(count, np.int64)
         kind = UsdShade.Tokens.materialBind
@@ -343,7 +345,8 @@ def _combine(
 ) -> Values | None:
     """Combine the values of the materials of a prim. Return None if no triangle has values.
 
-    Each of the `pieces` has the triangle numbers of a material, and its values for the whole prim.
+    Each element of `pieces` has the triangle numbers of a material, and the values of this material for the
+    whole prim.
     """
     given = [values for _, values in pieces]
     if all(values is None for values in given):
@@ -393,7 +396,7 @@ def _join_parts(parts: list[_PrimArrays], textures: int) -> dict[str, NDArray[An
         rows = [_convert_domain("corner", part, part.normals, 3, 0.0) for part in parts]
         arrays["corner_normals"] = np.concatenate(rows)
     for name, width, blank in (("colors", 3, 1.0), ("uvs", 2, 0.0)):
-        # Keep the domain if it is the same for all parts; otherwise convert the values to corners.
+        # Keep a domain that all parts have in common. Convert the values of different domains to corners.
         values = [getattr(part, name) for part in parts]
         domains = {value[0] for value in values if value is not None}
         if not domains:

@@ -105,7 +105,7 @@ def _add_mesh(stage: Any, path: str, mesh: Mesh) -> Any:
 
 
 def _compute_normals(mesh: Mesh) -> NDArray[np.float32]:
-    """Return the unit normals (F, 3) of the faces; faces without area get +y."""
+    """Return the unit normals (F, 3) of the faces. Faces without area get +y."""
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     long = np.linalg.norm(across, axis=1, keepdims=True)
@@ -113,7 +113,10 @@ def _compute_normals(mesh: Mesh) -> NDArray[np.float32]:
 
 
 def _add_colors(prim: Any, mesh: Mesh, images: list[str], color_input: str) -> None:
-    """Add colours, or textures and their materials, to a mesh prim by an input of the surface shader."""
+    """Add colours, or textures with materials, to a mesh prim.
+
+    The colour is set at `color_input` of the surface shader.
+    """
     from pxr import Sdf, UsdGeom, Vt
 
     if not images:
@@ -255,7 +258,7 @@ def _add_shader(stage: Any, path: str, name: str, **inputs: tuple[Any, Any]) -> 
 def _add_material(stage: Any, path: str, color_input: str) -> Any:
     """Define a material without reflections at `path`, and return its surface shader.
 
-    The input `color_input` sets the colour; all other colours are black.
+    The input `color_input` sets the colour. All other colours are black.
     """
     from pxr import Sdf, UsdGeom, UsdShade
 

@@ -1,7 +1,7 @@
 """Writes VTK XML PolyData (.vtp): points, and cells of one, two and three points with cell data.
 
-The layout is defined in "VTK XML file formats" of the VTK documentation. All arrays of a VTP file are raw
-data in one appended block; a 64-bit byte count precedes each array. VTK itself, a large optional dependency
+The layout is defined in "VTK XML file formats" of the VTK documentation. A VTP file stores all arrays as raw
+data in one appended block. A 64-bit byte count precedes each array. VTK itself, a large optional dependency
 (extra `view`), is not needed.
 """
 
@@ -23,7 +23,7 @@ class _Appended:
         self.offset = 0
 
     def array(self, name: str, values: NDArray[Any], components: int = 1) -> str:
-        """Append an array to the block; return the XML element that refers to it."""
+        """Append an array to the block. Return the XML element that refers to it."""
         stored = values.dtype if values.dtype.str[1:] in _TYPES else np.dtype(np.float64)
         data = np.ascontiguousarray(values, stored.newbyteorder("<"))
         text = (
@@ -35,7 +35,7 @@ class _Appended:
         return text
 
     def cells(self, tag: str, table: NDArray[Any]) -> str:
-        """Append cells (n, points per cell); return the XML element of the cells, with the name `tag`."""
+        """Append cells (n, points per cell). Return the XML element of the cells, with the name `tag`."""
         ends = np.arange(1, len(table) + 1, dtype=np.int64) * table.shape[1]
         connectivity = self.array("connectivity", table.reshape(-1).astype(np.int64))
         return f"<{tag}>{connectivity}{self.array('offsets', ends)}</{tag}>"
@@ -59,8 +59,9 @@ def write_vtp(
 ) -> None:
     """Write PolyData with points (V, 3), and cells: verts (n, 1), lines (n, 2) and polys (n, 3).
 
-    `cell_data` has uint8 or int64 arrays with one value per cell, in VTK's order of cells (verts, lines,
-    polys). `names` is a field array: its name, and its values (ASCII strings).
+    The argument `cell_data` has uint8 or int64 arrays with one value per cell, in VTK's order of cells
+    (verts, lines, polys). The argument `names` describes a field array: its name, and its values (ASCII
+    strings).
     """
     appended = _Appended()
     data = "".join(appended.array(name, values) for name, values in cell_data.items())

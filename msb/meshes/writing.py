@@ -9,8 +9,8 @@ from msb.base.origin import Origin, find_origin
 from msb.errors import MeshError, OutputError
 from msb.meshes.mesh import Mesh
 
-# Number of rows that are formatted and written at a time. Writing this number of rows at a time limits the
-# memory that a writer needs in addition to the mesh.
+# Number of rows that are formatted and written at a time. Writing in blocks of rows limits the additional
+# memory of a writer.
 ROWS_AT_A_TIME = 1 << 16
 
 
@@ -46,10 +46,10 @@ def as_local(vertices: NDArray[Any], name: str) -> tuple[NDArray[np.float32], Or
 
 
 def write_rows(stream: BinaryIO, form: str, columns: NDArray[Any]) -> None:
-    """Write each row of `columns` (N, K) as a line of text in the format `form` (K conversions with %).
+    """Write each row of `columns` (N, K) as a line of text. The format `form` has K conversions with %.
 
-    The conversion "%r" writes the shortest decimal that reads back as the same float64. Float32 values are
-    therefore written exactly, too.
+    The conversion "%r" writes the shortest decimal that reads back as the same float64. This conversion is
+    therefore also exact for float32.
     """
     line = form + "\n"
     for start in range(0, len(columns), ROWS_AT_A_TIME):

@@ -1,4 +1,7 @@
-"""Repair assets and meshes. An asset keeps its manifest; its buffers are adapted to the repaired mesh."""
+"""Repair assets and meshes.
+
+An asset keeps its manifest. The buffers of the asset are adapted to the repaired mesh.
+"""
 
 from __future__ import annotations
 
@@ -120,7 +123,7 @@ def repair(
 
 
 def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = None) -> Repaired:
-    """Repair an asset with validated options; see `repair`."""
+    """Repair an asset with validated options. See `repair`."""
     plan = options.plan
     with about(asset.path):
         # If the plan welds a triangle soup, convert it to a standard-tier mesh first.
@@ -162,7 +165,7 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
 def _find_positions(asset: Asset, done: Outcome) -> NDArray[np.float32]:
     """Return the positions of a repaired asset relative to its origin.
 
-    Positions of kept vertices do not change in any bit.
+    Positions of kept vertices stay identical in all bits.
     """
     positions = to_local(done.buffers["positions"], asset.manifest.origin)
     if not any(asset.manifest.origin):
@@ -175,8 +178,8 @@ def _find_positions(asset: Asset, done: Outcome) -> NDArray[np.float32]:
 def repair_mesh(mesh: Mesh, options: Options) -> tuple[Mesh, Outcome]:
     """Return the repaired mesh, in the precision of `mesh`, and the outcome of the repair."""
     check_indices(mesh)
-    # `carry` uses the name of a buffer to decide how to change it. Face colours are renamed to "f_dc",
-    # because vertex colours have the name "color".
+    # `carry` uses the name of a buffer to decide how to change it. Face colours get the name "f_dc", because
+    # vertex colours already have the name "color".
     by_corner = mesh.corner_uvs is not None
     arrays: tuple[tuple[str, NDArray[Any] | None, Domain], ...] = (
         ("color", mesh.vertex_colors, "vertex"),
@@ -216,8 +219,8 @@ def _welds_soup(asset: Asset, plan: tuple[str, ...]) -> bool:
 def _convert_to_mesh(asset: Asset) -> tuple[Asset, Change | None]:
     """Return a triangle soup as an asset of method "mesh" with its standard-tier colours.
 
-    The second value is the change that removes the faces below the opacity threshold (STE), or None without a
-    threshold.
+    The second value is the change that removes faces below the STE opacity threshold. The change is None
+    without a threshold.
     """
     if why := refusal(asset.manifest, "standard"):
         raise Unsupported("UNSUPPORTED_TIER", f"weld needs static colours to merge a triangle soup; {why}")

@@ -41,7 +41,7 @@ class RepairOptions:
 
     out: Annotated[
         Path | None,
-        Option("Write the mesh to FILE, like OUT.", ("--out", "-o"), metavar="FILE", output="own"),
+        Option("Write the mesh to FILE, instead of OUT.", ("--out", "-o"), metavar="FILE", output="own"),
     ] = None
     plan: Annotated[
         str | None,
@@ -153,7 +153,7 @@ class _Repair:
         self.in_file_precision = not self.to_asset and is_mesh_file(source) and views.cameras is None
 
     def run(self, maps: Path | None) -> Audit:
-        """Repair, write and print; return the audit of the written file."""
+        """Repair, write and print. Return the audit of the written file."""
         from msb.meshes.losses import explain_split
         from msb.repair.run import list_defects
 
@@ -169,7 +169,7 @@ class _Repair:
 
     @contextmanager
     def write_maps(self, done: Repaired | Outcome, maps: Path | None) -> Iterator[None]:
-        """Write the maps to a temporary file, and move it into place after the block has written OUT.
+        """Write the maps to a temporary file. Move the file into place after the block has written OUT.
 
         Either both files or neither file are written.
         """
@@ -181,8 +181,8 @@ class _Repair:
                 file = stack.enter_context(new_file(maps, overwrite=self.output.force))
                 arrays = {"vertex": done.vertex_map, "face": done.face_map, "turned": done.turned}
                 write_npz(file, arrays)
-                file.flush()  # a full disk is detected here
-                if is_stream(maps):  # closing writes the stream and may fail: close it before OUT is written
+                file.flush()  # This call detects a full disk.
+                if is_stream(maps):  # Closing the stream may fail, so close it before OUT is written.
                     stack.close()
             yield
 
@@ -233,8 +233,8 @@ class _Repair:
     def write(self, repaired: Asset | Mesh, after: Audit, left_out: Sequence[str]) -> Audit:
         """Write the repaired asset or mesh, and return the audit of the file.
 
-        `after` is the audit of the repaired mesh. `left_out` lists the parts of the input that the repaired
-        mesh lacks.
+        The argument `after` is the audit of the repaired mesh. The argument `left_out` lists the parts of the
+        input that the repaired mesh does not contain.
         """
         from msb.api.command_files import write_mesh_files
         from msb.asset import Asset
@@ -275,8 +275,7 @@ class _Repair:
     def show(self, done: Repaired | Outcome, after: Audit, left: list[str], *, splits: bool) -> None:
         """Print the verdict and, unless --quiet, the steps, the remaining defects and the next command.
 
-        `splits` is true if the faces of the repaired mesh share vertices, but the file format stores them
-        separately.
+        The argument `splits` is true if the file format stores shared vertices of the faces separately.
         """
         from msb.api.auditing import next_command
         from msb.repair.plan import parse_plan
@@ -368,7 +367,7 @@ def compare_strategies(
             nullcontext() if folder is None else own_folder(folder, overwrite=output.force) as keep,
         ):
             rows = compare(asset, chosen, options, tasks=selected, device=device, keep=keep, step=step)
-    finally:  # the comparison took minutes, so print it even if images cannot be written
+    finally:  # Print the comparison even if images cannot be written.
         if rows is not None:
             if output.prints_text:
                 _print_comparison(rows, description, output)
@@ -376,7 +375,7 @@ def compare_strategies(
 
 
 def _select_tasks(given: Sequence[str]) -> list[str]:
-    """Return the names of the selected tasks; the default tasks if none are given."""
+    """Return the names of the selected tasks. If no tasks are selected, return the default tasks."""
     from msb.trial.registry import select_tasks
     from msb.trial.repairs import TASKS
 
@@ -386,10 +385,10 @@ def _select_tasks(given: Sequence[str]) -> list[str]:
 
 
 def _print_comparison(rows: list[StrategyResult], views: str, output: Output) -> None:
-    """Print the comparison; `views` describes the views of the PSNR, such as "8 test views"."""
+    """Print the comparison. The argument `views` describes the views of the PSNR, such as "8 test views"."""
     console = output.console()
     if not console.is_terminal:
-        console.width = 10_000  # width in characters, wider than any table
+        console.width = 10_000  # The width in characters exceeds every table.
     print_table([_format_cells(row) for row in rows], console)
     if output.quiet:
         return
@@ -444,7 +443,7 @@ def recommend(rows: list[StrategyResult]) -> str:
     if not done:
         return ""
     kept = [row for row in done if keeps_shape(row)]
-    best = min(kept, key=rank)  # the first of equal rows is the unrepaired asset
+    best = min(kept, key=rank)  # If rows are equally good, prefer the unrepaired asset.
     none_better = "no repair is better" + (" without removing visible faces" if kept != done else "")
     reason = none_better if best is rows[0] else "best verdict, then most tasks"
     return f"Recommended: {best.strategy} ({reason})"

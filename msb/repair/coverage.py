@@ -20,7 +20,7 @@ def count_pixels(
 ) -> NDArray[np.float64]:
     """Return the number of pixels (F,) that each face covers in standard-tier renderings of all cameras.
 
-    `step` is called after each camera.
+    The argument `step` is called after each camera.
     """
     if why := refusal(asset.manifest, "standard"):
         text = f"--cameras needs standard-tier renderings to count the pixels of faces; {why}"

@@ -56,12 +56,12 @@ def _color_faces(original: Asset, done: Repaired) -> Asset:
     Unchanged, removed and added faces have different colours.
     """
     faces, points = original.buffers["indices"], original.buffers["positions"]
-    # Colour the original faces (F, 3); a face without a counterpart in the result is red.
+    # Colour the original faces (F, 3). A face without a counterpart in the result is red.
     is_removed = np.ones(len(faces), bool)
     is_removed[done.face_map[done.face_map != NONE]] = False
     colors = np.repeat(_compute_grey(original)[:, None], 3, axis=1)
     colors[is_removed] = RED
-    # Append the added faces; their vertices follow the original vertices.
+    # Append the added faces. The vertices of added faces follow the original vertices.
     new = done.asset.buffers["indices"][done.face_map == NONE]
     colors = np.concatenate([colors, np.tile(GREEN, (len(new), 1))])
     return build_asset(
@@ -91,7 +91,7 @@ def _draw_edges(
 ) -> None:
     """Draw the visible parts of the edges `ends` (n, 2, 3) into `image` (H, W, 3), in place.
 
-    `depth` (H, W) is the depth of the visible surface, 0 in the background.
+    The argument `depth` (H, W) is the depth of the visible surface, 0 in the background.
     """
     # Compute the length of each edge in pixels (n,). Skip edges with an end behind the camera or in its
     # plane.

@@ -35,10 +35,9 @@ if TYPE_CHECKING:
 
     Buffers = Mapping[str, NDArray[Any]]
 
-# For each step, the later steps that never create new work for it, so that it need not be repeated. Turned
-# faces keep their positions, and debris is removed as whole components. Running a step twice in succession
-# changes nothing the second time. `debris` must be repeated after `orient`. `orient` cuts one-sided surfaces,
-# so a component may fall apart.
+# Maps each step to the later steps after which the step need not be repeated. Turning faces moves no vertex,
+# and `debris` removes whole components. Repeating a step immediately changes nothing. `debris` must be
+# repeated after `orient`. `orient` cuts one-sided surfaces, so a component may fall apart.
 _UNTOUCHED_BY = {
     "orient": ("orient", "debris"),
     **dict.fromkeys(("pair", "cut"), ("pair", "cut", "orient", "debris")),
@@ -47,8 +46,8 @@ _UNTOUCHED_BY = {
     "dedupe": ("orient", "pair", "cut", "drop", "dedupe", "debris", "outward"),
     "outward": ("outward",),
 }
-# After the steps pair, cut or drop, no edge has more than two faces. In plans with pair, cut or drop,
-# `orient` only turns faces, because pair, cut or drop decides which faces stay connected.
+# After the steps pair, cut or drop, no edge has more than two faces. In a plan with one of these steps,
+# `orient` only turns faces. The steps pair, cut and drop decide which faces stay connected.
 _RESOLVING = frozenset({"pair", "cut", "drop"})
 # Maximum number of repetitions of a plan. Most plans need two or three repetitions.
 _MAX_ROUNDS = 16
@@ -58,7 +57,7 @@ _MAX_ROUNDS = 16
 class Step:
     """A finished step: the numbers of changed faces and vertices, and notes.
 
-    `notes` end without a full stop.
+    Texts in `notes` have no full stop at the end.
     """
 
     step: str
@@ -90,9 +89,10 @@ class Step:
 class Outcome:
     """A repaired mesh: its buffers, the finished steps, and the origin of its rows.
 
-    `vertex_map` (V',) and `face_map` (F',) have the original row of each vertex and face, or -1 for added
-    rows. `turned` (F',) states for each face whether its second and third corner were swapped. `domains`
-    gives the domain of each buffer. If the repair changed the mesh, UVs are stored per corner.
+    The fields `vertex_map` (V',) and `face_map` (F',) have the original row of each vertex and face, or -1
+    for added rows. The field `turned` (F',) states for each face whether its second and third corner were
+    swapped. The field `domains` gives the domain of each buffer. If the repair changed the mesh, UVs are
+    stored per corner.
     """
 
     buffers: Buffers
@@ -119,8 +119,8 @@ class Outcome:
 class _State:
     """The state of the mesh after the steps that have run so far.
 
-    `buffers` is updated immediately only when a step adds rows. Changes without added rows are accumulated in
-    `pending`, and `flush` applies them.
+    The field `buffers` is updated immediately only when a step adds rows. Changes without added rows are
+    accumulated in `pending`, and `flush` applies them.
     """
 
     buffers: Buffers
@@ -158,7 +158,7 @@ class _State:
     def apply(self, change: Change) -> None:
         """Apply a change to the maps and points.
 
-        Changes that add rows are also applied to the buffers; other changes are accumulated.
+        Changes that add rows are also applied to the buffers. Changes without added rows are accumulated.
         """
         old_vertex, old_face = change.vertex_map, change.face_map
         self.vertex_map = np.where(old_vertex == NONE, NONE, self.vertex_map[old_vertex])
@@ -301,7 +301,7 @@ def _move_to_corners(
 
 
 def _order_steps(plan: Sequence[str], state: _State, peer: str | None) -> Iterator[str]:
-    """Yield the steps to run: first the plan, then the steps that have new work after a change.
+    """Yield all steps of the plan. After a change, yield the steps that may have to change the mesh again.
 
     `weld` runs only once, because a second run would merge vertices that other steps have split.
     """
@@ -346,8 +346,8 @@ def _drop_nonfinite(state: _State) -> str:
 def list_defects(after: Audit, split: str | None = None) -> list[str]:
     """Return a description of each remaining kind of defect.
 
-    Some file formats store separate vertices for faces that share vertices in the repaired mesh. In this
-    case, `split` gives the reason.
+    Some file formats split the shared vertices of the repaired mesh. If the file format does this, `split`
+    gives the reason.
     """
     after = after.judged
     counts, left = after.counts, []

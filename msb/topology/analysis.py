@@ -23,9 +23,9 @@ T = TypeVar("T")
 class Components:
     """The edge-connected components of all faces without a repeated index.
 
-    `face_component` (F,) is the component of each face, or NONE for faces with a repeated index. `sizes`
-    (n,) holds the number of faces of each component, `areas` (n,) the area of each component in squared
-    length units.
+    The field `face_component` (F,) is the component of each face, or NONE for faces with a repeated index.
+    The field `sizes` (n,) has the number of faces of each component. The field `areas` (n,) has the areas in
+    squared length units.
     """
 
     face_component: NDArray[Any]
@@ -40,7 +40,7 @@ class Components:
     def largest(self) -> int | None:
         """Return the component with most faces, or None for a mesh without components.
 
-        If components have equally many faces, the larger area wins, then the lowest face number.
+        If several components have the most faces, the largest area decides, then the lowest face number.
         """
         if self.count == 0:
             return None
@@ -87,7 +87,7 @@ class Analysis:
 
     @property
     def area(self) -> NDArray[np.float64]:
-        """(F,) area of each face in squared length units; 0 for an area that is not finite."""
+        """(F,) area of each face in squared length units. The value is 0 for an area that is not finite."""
         return self._areas[0]
 
     @property
@@ -169,7 +169,7 @@ def find_components(mesh: HalfEdgeMesh, area: NDArray[np.float64]) -> tuple[Comp
     """Return the components joined across all edges, and the number of components joined across two-face
     edges only.
     """
-    # compact (F,): consecutive numbers for the faces without a repeated index.
+    # `compact` (F,) numbers the faces without a repeated index consecutively.
     proper = np.flatnonzero(~mesh.repeated_index)
     compact = np.full(mesh.face_count, NONE, mesh.faces.dtype)
     compact[proper] = np.arange(len(proper), dtype=mesh.faces.dtype)

@@ -63,8 +63,9 @@ class Sample:
 
 @dataclass(frozen=True, repr=False)
 class Audit:
-    """The audit of a mesh. `print` shows the audit in a few lines. A notebook displays the audit as a small
-    table.
+    """The audit of a mesh.
+
+    `print` shows the audit in a few lines. A notebook displays the audit as a small table.
 
     Attributes
     ----------
@@ -89,8 +90,9 @@ class Audit:
     without_seams : Audit or None
         The audit of the mesh with merged seams; None for a mesh without seams.
     closed_once_merged : bool
-        Whether the mesh is open as stored, but closed, manifold and consistently wound after this weld. False
-        if the mesh was not tested: with more than 200,000 faces, only a requested exact weld tests the mesh.
+        Whether the mesh is open as stored, but closed, manifold and consistently wound after this weld.
+        False if the mesh was not tested: with more than 200,000 faces, only a requested exact weld tests
+        the mesh.
     merged : Merged or None
         The counts of an open mesh of at most 200,000 faces after an exact weld, or after merging vertices of
         boundary edges that differ by rounding. None if no weld was computed.
@@ -136,7 +138,7 @@ class Audit:
 
     @property
     def judged(self) -> Audit:
-        """The audit that decides the verdict. For a mesh with seams, this is the audit with merged seams."""
+        """The audit for the verdict. For a mesh with seams, the audit with merged seams decides."""
         return self.without_seams or self
 
     @property
@@ -227,7 +229,7 @@ class Audit:
         }
 
     def variants(self) -> dict[str, dict[str, int]]:
-        """Return the counts of two ambiguous terms under each of their definitions.
+        """Two terms have several definitions. Return the count of each term by definition.
 
         The audit prints the count under the first definition of each term.
         """
@@ -256,10 +258,10 @@ def audit_arrays(
 ) -> tuple[Audit, Analysis]:
     """Return the audit of plain arrays, and the analysis for viewers and exports.
 
-    `attributes` are the UVs and colours for which a file may duplicate vertices at seams;
-    `msb.topology.seams.seam_attributes` returns them. `check_crossings` also checks the separate bodies of
-    a closed mesh. Kernels compute the audit of a large mesh. An analysis is therefore computed only when a
-    caller uses it.
+    The argument `attributes` contains the UVs and colours for which a file may duplicate vertices at seams.
+    The function `msb.topology.seams.seam_attributes` returns these attributes. If `check_crossings` is true,
+    the audit also tests whether the bodies of a closed mesh cross. Kernels compute the audit of a large mesh.
+    Each part of the analysis is computed when a caller uses the part.
     """
     points, triangles = mesh_arrays(vertices, faces)
     findings, analysis = find_findings(points, triangles)
@@ -275,7 +277,7 @@ def audit_arrays(
         without, _ = audit_arrays(points[seams.first], merged_faces, check_crossings=check_crossings)
         without = replace(without, samples=_name_stored_vertices(without.samples, seams.first))
         report = replace(report, counts=counts, seams=seams.kind, without_seams=without)
-    # Find the mesh after an exact weld, unless that weld is already audited.
+    # Find the mesh after an exact weld, unless the requested weld is the exact weld.
     if report.welded is not None and chosen == "exact":
         after_weld = Merged("exact", report.welded.counts) if report.counts.boundary_edges else None
     elif report.without_seams is not None:
@@ -304,8 +306,10 @@ def audit_arrays(
 def _name_stored_vertices(
     samples: dict[str, tuple[Sample, ...]], first: NDArray[Any]
 ) -> dict[str, tuple[Sample, ...]]:
-    """Return the samples with the vertex numbers of the file; merged vertex i is row `first[i]` (W,) of the
-    file."""
+    """Return the samples with the vertex numbers of the file.
+
+    Merged vertex i is row `first[i]` (W,) of the file.
+    """
     return {
         kind: tuple(
             replace(

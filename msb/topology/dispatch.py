@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from msb.cl import Device
 
 # Minimum number of faces for using the kernels. For smaller meshes, opening a device and compiling the
-# kernels takes longer than NumPy takes.
+# kernels takes longer than the audit with NumPy.
 FEWEST_FACES = 1 << 16
 
 
 def find_findings(points: NDArray[Any], faces: NDArray[Any]) -> tuple[Findings, Analysis]:
-    """Return the findings and the analysis of a mesh; pass arrays returned by `mesh_arrays`.
+    """Return the findings and the analysis of a mesh. The arrays must come from `mesh_arrays`.
 
     The NumPy code and the kernels give bit-identical results. If no device can run the kernels, or the
     device fails, NumPy is used and `computed_by` gives the reason.

@@ -22,9 +22,9 @@ class ElementGroup:
 class Elements:
     """A mesh with its faulty elements and its components.
 
-    `groups` are in the order vertices, edges, faces. The kinds of elements are keys of the audit's counts.
-    The number of an edge is its position among the sorted vertex pairs. `face_component` (F,) numbers
-    components by size, largest first; faces with a repeated index have -1.
+    The field `groups` is sorted in the order vertices, edges, faces. The kinds of elements are keys of the
+    audit's counts. The number of an edge is its position among the sorted vertex pairs. The field
+    `face_component` (F,) numbers components by size, the largest first. Faces with a repeated index have -1.
     """
 
     vertices: NDArray[Any]
@@ -52,5 +52,5 @@ def _rank_by_size(analysis: Analysis) -> NDArray[Any]:
     order = np.lexsort((np.arange(components.count), -components.areas, -components.sizes))
     rank = np.zeros(components.count + 1, components.face_component.dtype)
     rank[order] = np.arange(components.count)
-    rank[-1] = -1  # NONE is the index -1, which stays -1
+    rank[-1] = -1  # The index -1 (NONE) stays -1.
     return np.asarray(rank[components.face_component])

@@ -1,6 +1,7 @@
 """The definition of every number of the audit, as plain data. `msb-audit --explain` prints the definitions.
 
-explanations.toml holds the data; docs/definitions.md gives the reasons behind the definitions.
+The file explanations.toml holds the data. The page docs/definitions.md gives the reasons behind the
+definitions.
 """
 
 import difflib
@@ -91,7 +92,7 @@ def _read() -> dict[str, Explanation]:
     return {name: Explanation(name, **{"symbol": "", **fill(entry)}) for name, entry in data.items()}
 
 
-# Explanations by JSON key; the columns of the paper come first.
+# Explanations by JSON key. The columns of the paper come first.
 EXPLANATIONS: dict[str, Explanation] = _read()
 
 
@@ -118,8 +119,8 @@ def explain(name: str) -> Explanation:
         for known in (entry.name, entry.symbol, *entry.aliases)
         if known
     }
-    # LCC_area and lcc_area are symbols of different quantities. Any other spelling selects the first of
-    # these two quantities, the column of the paper.
+    # `LCC_area` and `lcc_area` are symbols of different quantities. A name with other capital letters selects
+    # the first quantity, which is a column of the paper.
     folded: dict[str, Explanation] = {}
     for known, entry in exact.items():
         folded.setdefault(known.casefold(), entry)

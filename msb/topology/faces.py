@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Faces per batch; their corners take 19 MB (nine doubles each).
+# Faces per batch. The corners of a batch take 19 MB (nine doubles each).
 _CHUNK = 1 << 18
 # Faces per batch of a volume computation.
 _VOLUMES_AT_ONCE = 1 << 15
@@ -14,7 +14,7 @@ _VOLUMES_AT_ONCE = 1 << 15
 def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return the area (F,) of each face in squared length units, and whether it is finite (F,).
 
-    The area is half the norm of the cross product in double precision, or 0 if that norm is not finite.
+    The area is half the norm of the cross product in double precision. An area that is not finite becomes 0.
     """
     area = np.zeros(len(faces))
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
@@ -37,16 +37,18 @@ def face_vectors(points: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[np
 
 
 def signed_volume(vertices: NDArray[Any], faces: NDArray[np.int64]) -> float:
-    """Return the volume of a closed mesh in cubed length units; the volume is negative if the mesh is wound
-    inwards."""
+    """Return the volume of a closed mesh in cubed length units.
+
+    The volume is negative if the mesh is wound inwards.
+    """
     return float(signed_volumes(vertices, faces).sum())
 
 
 def signed_volumes(vertices: NDArray[Any], faces: NDArray[Any]) -> NDArray[np.float64]:
     """Return the signed volume (F,) of the tetrahedron between each face and the first corner of the mesh.
 
-    The sum over a closed body is its volume in cubed length units; it is negative if the body is wound
-    inwards. Using a point of the mesh as apex keeps rounding errors small.
+    The sum over a closed body is its volume in cubed length units. The volume is negative if the body is
+    wound inwards. Using a point of the mesh as apex keeps rounding errors small.
     """
     volumes = np.zeros(len(faces))
     if not len(faces):
@@ -65,9 +67,9 @@ def signed_volumes(vertices: NDArray[Any], faces: NDArray[Any]) -> NDArray[np.fl
 def sum_areas(area: NDArray[np.float64], group: NDArray[Any], groups: int) -> NDArray[np.float64]:
     """Return the area (groups,) of each group of faces, added in the order of the faces.
 
-    `area` (F,) is non-negative and `group` (F,) is the group of each face. Rounding is monotone. Adding in
-    face order guarantees that the area of a group never exceeds the area of all faces. The two areas are
-    equal if all other faces have zero area.
+    The argument `area` (F,) must not be negative. The argument `group` (F,) is the group of each face.
+    Rounding is monotone. Adding in face order guarantees that the area of a group never exceeds the area of
+    all faces. If all other faces have zero area, the area of the group equals the area of all faces.
     """
     return np.bincount(group, weights=area, minlength=groups).astype(np.float64)
 
@@ -80,7 +82,10 @@ def has_no_area(
 
 
 def names_vertex_twice(faces: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which rows of `faces` (F, 3) have a repeated index; such rows have no edges and no area."""
+    """Return which rows of `faces` (F, 3) have a repeated index.
+
+    Rows with a repeated index have no edges and no area.
+    """
     a, b, c = faces.T
     return np.asarray((a == b) | (b == c) | (a == c))
 
@@ -94,8 +99,8 @@ def find_duplicate_faces(faces: NDArray[Any]) -> NDArray[np.bool_]:
     if len(faces) < 2:
         return extra
     low, high = faces.min(axis=1), faces.max(axis=1)
-    # The middle index is the sum minus the lowest and the highest index. An overflow of the sum cancels out
-    # in the difference.
+    # The middle index is the sum minus the lowest and the highest index. If the sum overflows, the
+    # subtraction corrects the result.
     middle = faces[:, 0] + faces[:, 1] + faces[:, 2] - low - high
     order = np.lexsort((high, middle, low))  # The sort is stable: equal rows stay in ascending order
     same = np.ones(len(faces) - 1, bool)

@@ -1,9 +1,9 @@
 """Fans around vertices, boundary loops, and the definitions of a non-manifold vertex.
 
 A *fan* is a set of corners at one vertex that are connected across two-face edges. A vertex is manifold
-exactly if it has one fan. The vertex's link, cut at nodes of degree three and more, is then a single path
-or cycle. The proof is in docs/definitions.md; tests check the identity *strict = several fans = multifan or
-endpoint of a non-manifold edge*.
+exactly if it has one fan. If the link of a manifold vertex is cut at nodes of degree three and more, the
+result is a single path or cycle. The proof is in docs/definitions.md. Tests check the identity *strict =
+several fans = multifan or endpoint of a non-manifold edge*.
 """
 
 from dataclasses import dataclass
@@ -39,7 +39,9 @@ class Fans:
 
 
 def find_end_corners(mesh: HalfEdgeMesh, halfedges: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return for each half-edge the corners of its face at the low and the high vertex of the edge."""
+    """For each half-edge, return the corners of its face at the low vertex and at the high vertex of the
+    edge.
+    """
     after = next_in_face(halfedges)
     origin = mesh.origin
     upwards = origin[halfedges] < origin[after]
@@ -47,11 +49,10 @@ def find_end_corners(mesh: HalfEdgeMesh, halfedges: NDArray[Any]) -> tuple[NDArr
 
 
 def group_corners(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any]) -> tuple[int, NDArray[Any]]:
-    """Join the corners at each vertex across the given pairs of half-edges; both half-edges of a pair lie
-    on one edge.
+    """Join the corners at each vertex across the given pairs of half-edges.
 
-    Return the number of groups and the group (3F,) of each corner. Groups are numbered by their first
-    corner; corners of faces with a repeated index have NONE.
+    Both half-edges of a pair lie on one edge. Return the number of groups and the group (3F,) of each corner.
+    Groups are numbered by their first corner. Corners of faces with a repeated index have NONE.
     """
     corners = np.flatnonzero(~np.repeat(mesh.repeated_index, 3))
     # Number only the corners of faces without a repeated index. Corners of faces with a repeated index get
@@ -71,7 +72,7 @@ def find_fans(mesh: HalfEdgeMesh) -> Fans:
     labels = corner_fan[corners]
     fan_vertex = np.zeros(count, mesh.faces.dtype)
     fan_vertex[labels] = mesh.origin[corners]
-    # Joining the fans across edges with three or more faces gives the groups behind the multifan count.
+    # Join the fans across edges with three or more faces. The multifan count uses the resulting groups.
     groups, group_of_fan = _join(mesh, corner_fan, *mesh.chained_halfedges, count)
     group_vertex = np.zeros(groups, mesh.faces.dtype)
     group_vertex[group_of_fan] = fan_vertex

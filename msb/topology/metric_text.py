@@ -26,7 +26,7 @@ def format_metric(metric: str, value: float) -> str:
 
 
 def format_count(value: float) -> str:
-    """Return the text of a count, or of a mean of counts; halves are rounded up.
+    """Return the text of a count, or of a mean of counts. Halves are rounded up.
 
     Examples
     --------

@@ -1,8 +1,8 @@
 """Seams: vertices that a file stores more than once because the file format demands this.
 
-In most formats a vertex row has a single UV coordinate, colour and normal. A triangle list shares no
-vertices at all; docs/definitions.md ("Seams") has the definition. Vertices duplicated for another reason
-are not seams. For a mesh with other duplicated vertices, `closes_once_merged` tells whether an exact weld
+In most formats a vertex row has a single UV coordinate, colour and normal. A triangle list shares no vertices
+at all. The page docs/definitions.md ("Seams") has the definition. Vertices duplicated for another reason are
+not seams. If vertices are duplicated for other reasons, `closes_once_merged` tells whether an exact weld
 would close the mesh.
 """
 
@@ -32,17 +32,17 @@ SeamKind = Literal["texture", "color", "normal", "format"]
 # A triangle soup is a surface without shared vertices if more than this share of its edges coincide with
 # another edge. The corners of trained triangle soups coincide by chance only.
 _COINCIDING = 0.5
-# Two faces that fold onto each other at an edge are two sides of a sheet, and not a seam. Two faces fold
-# onto each other if the cosine of the angle between their normals is below this limit (0.08 degrees away
-# from opposite).
+# Two faces that fold onto each other at an edge are two sides of a sheet. An edge between two sides of a
+# sheet is not a seam. Two faces fold onto each other if the cosine of the angle between their normals is
+# below this limit. The limit allows 0.08 degrees between one normal and the reversed other normal.
 _FOLDED = -0.999999
 
-# Vertices may differ by rounding if their distance is below this share of the largest coordinate: four
-# units in the last place of float32. This distance must be a small share of the size of the mesh.
+# Vertices may differ by rounding up to this share of the largest coordinate, which is four units in the last
+# place of float32. This distance must be a small share of the size of the mesh.
 _ROUNDING, _MOST_ROUNDING = 2.0**-21, 1e-5
 
-# The audit of a mesh with at most this number of faces tests an exact weld even if --weld is not given.
-# Testing an exact weld takes about as long as the audit itself.
+# If a mesh has at most this number of faces, the audit tests an exact weld even without --weld. Testing an
+# exact weld takes about as long as the audit itself.
 MOST_FACES = 200_000
 
 
@@ -60,8 +60,8 @@ class Seams:
         The kind is "format" for a triangle list. The kind is "normal" if only attributes that are not read
         differ, such as normals. Otherwise the kind is "texture" if the mesh has UVs, and "color" if not.
     unexplained : bool
-        Whether some vertices are duplicated only for attributes that are not read. A renderer needs these
-        copies only for the attributes.
+        Whether some vertices are duplicated only for attributes that are not read. A renderer needs the
+        duplicated vertices only for the attributes.
     """
 
     first: NDArray[Any]
@@ -84,13 +84,13 @@ def seam_attributes(
 ) -> dict[str, Any]:
     """Return the attributes of an asset for which files duplicate vertices: UVs, colours and seam keys.
 
-    Trained vertex attributes are not included, because their rows belong to the model, not to a file
-    format. `triangle_list` adds the entry TRIANGLE_LIST, for meshes that are not trained.
+    Trained vertex attributes are not included, because their rows belong to the model, not to a file format.
+    The argument `triangle_list` adds the entry TRIANGLE_LIST, for meshes that are not trained.
     """
     prefix = {"vertex": "", "corner": "corner_"}
     names = [name for name in ("uv", "color", SEAM_KEY) if domains.get(name) in prefix]
     attributes = {f"{prefix[domains[name]]}{name}": buffers[name] for name in names}
-    if "uv" in names and "face_texture" in buffers:  # files store the faces of each texture separately
+    if "uv" in names and "face_texture" in buffers:  # Files store the faces of each texture separately.
         attributes["face_texture"] = buffers["face_texture"]
     return {**attributes, TRIANGLE_LIST: np.zeros(0)} if triangle_list else attributes
 
@@ -98,23 +98,23 @@ def seam_attributes(
 def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes) -> Seams | None:
     """Return the seams of a mesh, or None for a mesh without seams.
 
-    A torn edge is a pair of coincident boundary edges with different attributes at an end, or with different
-    textures on their faces. The end vertices of a torn edge are merged. Three or more coincident boundary
+    A torn edge is a pair of coincident boundary edges. The edges differ in their attributes at an end, or in
+    the textures of their faces. The end vertices of a torn edge are merged. Three or more coincident boundary
     edges are not merged, because their pairing is ambiguous.
 
-    In a triangle soup (triangles that share no vertices) corners may coincide by chance. A triangle soup
-    therefore has seams only under two conditions. More than half of the soup's faces have a torn edge, and
-    no coincident boundary edges have equal attributes. With TRIANGLE_LIST, all coincident vertices of a
-    triangle soup are merged if more than half of its edges coincide with another edge. The search takes O(V
-    log V) time, and much less if no two vertices coincide.
+    In a triangle soup (triangles that share no vertices) corners may coincide by chance. A triangle soup has
+    seams only under two conditions. More than half of the soup's faces have a torn edge, and no coincident
+    boundary edges have equal attributes. With TRIANGLE_LIST, all coincident vertices of a triangle soup are
+    merged if more than half of its edges coincide with another edge. The search takes O(V log V) time, and
+    much less if no two vertices coincide.
     """
     if not attributes or not len(faces):
         return None
     rows, set_of = find_coincident_vertices(points)
     if not len(rows):
         return None
-    # place (V,): the first vertex with equal coordinates. double (V,): whether another vertex has equal
-    # coordinates.
+    # `place` (V,) is the first vertex with equal coordinates. `double` (V,) states whether another vertex has
+    # equal coordinates.
     place = np.arange(len(points))
     place[rows] = rows[set_of]
     double = np.zeros(len(points), bool)
@@ -134,7 +134,7 @@ def _merge_torn_edges(
     double: NDArray[np.bool_],
 ) -> Seams | None:
     """Return the seams between vertices with different attributes, as defined at `find_seams`."""
-    # Only faces with a duplicated vertex can have a torn edge; faces with a repeated index have no edges.
+    # Only faces with a duplicated vertex can have a torn edge. Faces with a repeated index have no edges.
     a, b, c = faces.T
     near = np.flatnonzero(double[a] | double[b] | double[c])
     near = near[~names_vertex_twice(faces[near])]
@@ -152,7 +152,7 @@ def _merge_torn_edges(
     # Each connected group of vertex pairs becomes one vertex: the lowest row of the group.
     ends, node = np.unique(torn.pairs.reshape(-1), return_inverse=True)
     _, label = label_components(len(ends), *node.reshape(-1, 2).T)
-    # `ends` are sorted, so the first entry of each label is its lowest row
+    # The first entry of each label is its lowest row, because `ends` are sorted.
     _, lowest = np.unique(label, return_index=True)
     labels = np.arange(len(points))
     labels[ends] = ends[lowest][label]
@@ -161,8 +161,10 @@ def _merge_torn_edges(
 
 
 def _merge_triangle_list(faces: NDArray[Any], place: NDArray[Any]) -> Seams | None:
-    """Return the exact weld of a triangle soup, or None if at most half of its edges coincide with another
-    edge."""
+    """Return the exact weld of a triangle soup.
+
+    Return None if at most half of its edges coincide with another edge.
+    """
     proper = faces[~names_vertex_twice(faces)]
     if not is_soup(proper):
         return None
@@ -199,10 +201,10 @@ def _spread_to_corners(
 class _TornEdges:
     """The boundary edges that are torn by seams.
 
-    `pairs` (n, 2) are the vertex rows to merge; `faces` is the number of faces with a torn edge.
-    `equal_edges` is true if two coincident boundary edges have equal attributes at both ends. `some_by_key`
-    is true if some torn edges differ only in attributes that are not read (their seam keys). `all_by_key`
-    is true if all torn edges differ only in their seam keys.
+    The field `pairs` (n, 2) contains the vertex rows to merge. The field `faces` is the number of faces with
+    a torn edge. The field `equal_edges` is true if two coincident boundary edges have equal attributes at
+    both ends. The field `some_by_key` is true if some torn edges differ only in attributes that are not read
+    (their seam keys). The field `all_by_key` is true if all torn edges differ only in their seam keys.
     """
 
     pairs: NDArray[np.int64]
@@ -221,16 +223,17 @@ def _find_torn_edges(
 ) -> _TornEdges:
     """Find the boundary edges that are torn by seams.
 
-    `faces` (F, 3) must be all faces with a duplicated vertex and without a repeated index. `place` (V,) is
-    the first vertex with equal coordinates. `double` (V,) tells whether another vertex has equal
-    coordinates. Each array of `corner_values` holds an attribute (3F, k) at the corners of `faces`.
+    The argument `faces` (F, 3) must be all faces with a duplicated vertex and without a repeated index. The
+    argument `place` (V,) is the first vertex with equal coordinates. The argument `double` (V,) tells whether
+    another vertex has equal coordinates. Each array of `corner_values` holds an attribute (3F, k) at the
+    corners of `faces`.
     """
     corners = np.arange(faces.size).reshape(-1, 3)
     ends, ends_at = (
         np.stack([rows, np.roll(rows, -1, axis=1)], axis=-1).reshape(-1, 2) for rows in (faces, corners)
     )
-    # ends, ends_at (3F, 2): vertices and corners at both ends of each half-edge. Keep edges with a
-    # duplicated vertex whose ends are at different positions.
+    # `ends` and `ends_at` (3F, 2) are the vertices and corners at both ends of each half-edge. Keep edges
+    # with a duplicated vertex whose ends are at different positions.
     start, end = ends.T
     number = np.flatnonzero((double[start] | double[end]) & (place[start] != place[end]))
     ends = ends[number]
@@ -249,7 +252,8 @@ def _find_torn_edges(
     )
     group = group.reshape(-1)
     other = first[group]
-    # differs (E,): whether attributes that are read differ. by_key (E,): whether only the seam keys differ.
+    # `differs` (E,) states whether attributes that are read differ. `by_key` (E,) states whether only the
+    # seam keys differ.
     differs, by_key = np.zeros(len(edges), bool), np.zeros(len(edges), bool)
     for name, values in corner_values.items():
         unequal = (values[corner] != values[corner[other]]).any(axis=(1, 2))
@@ -274,11 +278,10 @@ def _find_torn_edges(
 def _find_folds(
     faces: NDArray[np.int64], points: NDArray[Any], face: NDArray[np.int64], other: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
-    """Return the mask (E,) of the edges whose face folds onto the face of the other edge, such as the two
-    sides of a sheet.
+    """Return a mask (E,) of the edges whose two faces fold onto each other, such as the two sides of a sheet.
 
-    The columns of `face` (E, 2) hold the face of each edge. `other` (E,) is the edge with which each edge
-    is compared.
+    The columns of `face` (E, 2) hold the faces of each edge. The argument `other` (E,) is the edge with which
+    each edge is compared.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         corners = points[faces].astype(np.float64)
@@ -286,7 +289,7 @@ def _find_folds(
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
         opposite = (normals[face[:, 0]] * normals[face[other, 0]]).sum(axis=1) < _FOLDED
-    # Mark both edges of a pair, because the first edge of a group was compared with itself.
+    # Mark both edges of a pair. The first edge of a group was only compared with itself.
     folded = np.zeros(len(face), bool)
     folded[opposite] = folded[other[opposite]] = True
     return folded
@@ -311,11 +314,11 @@ class Merged:
 
 
 def audit_merged(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) -> Merged | None:
-    """Return the counts after the weld that closes an open mesh of at most `MOST_FACES` faces, or None.
+    """Return the counts after the weld that closes an open mesh.
 
-    `findings` describe the mesh as it is stored. The weld is exact; if that does not close the mesh, it
-    merges vertices of boundary edges that differ by rounding. The result is None if no vertices differ only
-    by rounding.
+    Return None for more than `MOST_FACES` faces. The argument `findings` describes the mesh as it is stored.
+    An exact weld is tried first. If the exact weld does not close the mesh, vertices of boundary edges that
+    differ by rounding are merged. The result is also None if no vertices differ only by rounding.
     """
     counts = findings.counts
     if not counts.boundary_edges or counts.faces > MOST_FACES:

@@ -19,7 +19,10 @@ VERTEX_KINDS = (
 
 
 def tally_dtype(valences: int) -> np.dtype[Any]:
-    """Return the struct `Tally` of audit_types.cl as a dtype; its valence table has `valences` entries."""
+    """Return the struct `Tally` of audit_types.cl as a dtype.
+
+    The valence table of the struct has `valences` entries.
+    """
     edge = [(name, "u8") for name in ("block", "rank", "low", "high")]
     counts = ("max_edge_faces", "rim_links", "shared_vertices", "duplicate_faces")
     return np.dtype(
@@ -95,7 +98,8 @@ def add_up(totals: Totals, timings_ms: dict[str, float], computed_by: str) -> Fi
         manifold_edges=edges - count_of["boundary_edges"] - count_of["nonmanifold_edges"],
         max_edge_faces=int(tallies["max_edge_faces"].max()),
         boundary_loops=totals.boundary_loops,
-        # A closed loop has as many links as edges; an open chain has one link fewer.
+        # A closed loop has as many links as edges. In an open chain, the number of links is one below the
+        # number of edges.
         open_boundary_chains=count_of["boundary_edges"] - int(tallies["rim_links"].sum()),
         components=totals.components,
         components_manifold_edges=totals.two_face_components,
@@ -126,7 +130,7 @@ def _collect_first(totals: Totals) -> First:
     tallies, improper, strange = totals.tallies, totals.improper, totals.strange
     first: First = {}
     for kind, name in enumerate(EDGE_KINDS):
-        # The number of an edge is the number of edges of all earlier blocks plus its rank in the block.
+        # The number of an edge is its rank in its block, plus the number of edges of all earlier blocks.
         edges = _collect_filled(tallies["edges"][:, kind], tallies["edge_counts"][:, kind])
         before = np.cumsum(totals.block_edges) - totals.block_edges
         numbers = before[edges["block"].astype(np.int64)] + edges["rank"]
@@ -147,7 +151,5 @@ def _collect_first(totals: Totals) -> First:
 
 
 def _collect_filled(rows: NDArray[Any], counts: NDArray[Any]) -> NDArray[Any]:
-    """Return the valid entries of all sample rows: the first counts[i] entries of row i, or all entries of
-    a shorter row.
-    """
+    """Return the valid entries of all sample rows: at most counts[i] entries of row i."""
     return np.concatenate([row[: int(n)] for row, n in zip(rows, counts, strict=True)])

@@ -12,24 +12,24 @@ if TYPE_CHECKING:
 
 Level = Literal["ok", "limited", "bad"]
 
-# Tasks that need a manifold surface; on other meshes, tools reject the mesh or open cracks. The paper also
+# Tasks that need a manifold surface. On other meshes, tools reject the mesh or open cracks. The paper also
 # names UV unwrapping and collision ("Mesh Structural Results": Local structure). Tools for these two tasks
-# cut and join the mesh themselves; docs/trial.md reports how well this works.
+# cut and join the mesh themselves. The page docs/trial.md reports how well this works.
 SOLID_TOOLS = "subdivision, booleans or printing"
-# A tool or a person can repair a mesh up to this share and this number of non-manifold edges or vertices.
-# Up to both limits, the level of such a mesh is LIMITED. Above one of the two limits the level of the
-# verdict is BAD. The repair profile `game` uses the same share.
+# A tool or a person can repair a mesh with up to this share and this number of non-manifold edges or
+# vertices. Up to both limits, the level of such a mesh is LIMITED. Above one of the two limits the level of
+# the verdict is BAD. The repair profile `game` uses the same share.
 MANY, MOST = 0.01, 1000
 # The verdict advises merging vertices if a weld removes more than this share of the boundary edges.
 _WORTH_MERGING = 0.5
 # The repair plan for a mesh with non-finite faces: every repair drops these faces, and `close` fills the
 # holes.
 _DROPPING = "orient,pair,close"
-# The repair step that removes single triangles, which cannot be parts of a solid; the share allows a cap of
-# any size.
+# This repair step removes single triangles, which cannot be parts of a solid. The step allows a cap of any
+# size.
 _NO_STRAYS, _ANY_CAP = "debris:2", 99
-# The verdict calls pieces too small if there are more than FEW_PIECES pieces with fewer than SMALL_PIECE
-# faces on average. The level of the verdict does not depend on this limit.
+# Pieces are called too small if there are more than FEW_PIECES pieces with fewer than SMALL_PIECE faces on
+# average. The level of the verdict does not depend on this limit.
 SMALL_PIECE, FEW_PIECES = 10, 10
 
 
@@ -47,8 +47,8 @@ class Verdict:
     renders : bool
         Whether the mesh can be displayed. If not, the sentence mentions only this fault.
     plan : str
-        The plan of `msb repair` that improves the mesh, or "bake" if only a new surface helps. Empty if no
-        plan is known to help, and for the level "ok".
+        The plan of `msb repair` that improves the mesh, or "bake" if only a new surface helps. The plan is
+        empty for the level "ok", or if no plan is known to help.
     """
 
     level: Level
@@ -97,7 +97,7 @@ def judge(audit: Audit) -> Verdict:
     first = faults[0][1]
     *most, last = [text for _, text in faults]
     reasons = f"{', '.join(most)}, and {last}" if most else last
-    # The tasks of an open mesh already include the advice to merge vertices.
+    # For an open mesh, the list of tasks already contains the advice to merge vertices.
     advice = "" if gravest.tasks is _list_tasks_if_open else merged
     sentence = f"displays correctly, but {reasons}; {gravest.tasks(audit)}{advice or _describe_merged(audit)}"
     mild = gravest.level == "bad" and (_is_nearly_manifold(audit) or _is_manifold_once_merged(audit))
@@ -173,7 +173,7 @@ def _name_merged(audit: Audit) -> str:
 
 
 def _choose_plan(audit: Audit) -> str:
-    """Return the repair plan for a mesh that has faults but is no triangle soup."""
+    """Return the repair plan for a mesh with faults that is not a triangle soup."""
     counts, bodies = audit.counts, audit.bodies
     if is_worth_merging(audit) or audit.closed_once_merged:
         within = "exact" if audit.merged is None else audit.merged.weld
@@ -313,8 +313,9 @@ def _describe_flips(audit: Audit) -> str:
 class _Fault:
     """A kind of fault in a mesh.
 
-    `describe` returns a clause with the extent of the fault, or "" for a mesh without this fault. `tasks`
-    returns a clause with the tasks that the mesh is usable for if this fault is the gravest.
+    The field `describe` is a function. The function returns a clause with the extent of the fault, or "" for
+    a mesh without this fault. The field `tasks` is a function. The function returns a clause with the tasks
+    that the mesh is usable for if this fault is the gravest.
     """
 
     level: Level
@@ -327,7 +328,7 @@ def _describe_inside_out(audit: Audit) -> str:
     if bodies is None or not bodies.inside_out:
         return ""
     if bodies.inside_out == audit.counts.components:
-        return "it is wound inside out, as a room seen from inside is"
+        return "it is wound inside out, like the walls of a room"
     return f"{bodies.inside_out:,} of its {audit.counts.components:,} bodies are wound inside out"
 
 
@@ -397,7 +398,7 @@ def _describe_sound(audit: Audit) -> str:
 
 
 def percent(part: int, whole: int) -> str:
-    """Return a share as a percentage; "0 %" and "100 %" are printed only for exactly 0 and 1."""
+    """Return a share as a percentage. Only the values 0 and 1 are printed as "0 %" and "100 %"."""
     if whole == 0:
         return "-"
     if part == 0:
@@ -411,7 +412,10 @@ def percent(part: int, whole: int) -> str:
 
 
 def _describe_welded(audit: Audit) -> str:
-    """Return the result of the requested weld, or of the exact weld if it closes the mesh."""
+    """Return the result of the requested weld.
+
+    Without a request, return the exact weld if this weld closes the mesh.
+    """
     if audit.welded is None:
         return "; closed once coincident vertices are merged" if audit.closed_once_merged else ""
     counts = audit.welded.counts

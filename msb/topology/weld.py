@@ -15,8 +15,8 @@ from msb.topology.components import label_components
 
 Weld = Literal["exact"] | float
 
-# Maximum number of vertex pairs within the weld distance; the indices of this many pairs take 1 GiB. A
-# typical weld has one pair of vertices per vertex.
+# Maximum number of vertex pairs within the weld distance. The indices of this many pairs take 1 GiB. In a
+# typical weld, the number of pairs is the number of vertices.
 MAX_PAIRS = 1 << 26
 
 
@@ -25,7 +25,7 @@ def parse_weld(text: str | float) -> Weld:
     if text == "exact":
         return "exact"
     try:
-        # A bool is a number in Python, but never a meaningful length.
+        # A bool is rejected, although it is a number in Python.
         distance = math.nan if isinstance(text, bool | np.bool_) else float(text)
     except (ValueError, TypeError, OverflowError):
         distance = math.nan
@@ -37,7 +37,7 @@ def parse_weld(text: str | float) -> Weld:
 def weld_vertices(
     vertices: NDArray[Any], faces: NDArray[Any], weld: Weld
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return vertices (W, 3) and faces (F, 3) after merging coincident vertices; all face rows are kept.
+    """Return vertices (W, 3) and faces (F, 3) after merging coincident vertices. All face rows are kept.
 
     "exact" merges vertices with equal stored coordinates: float32, relative to the origin of the mesh
     (`msb.base.origin`). -0 equals +0, NaN equals nothing. A length merges vertices that are connected by a
@@ -69,7 +69,7 @@ def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
     """
     bits, corners = _to_stored(vertices).view(np.uint32), faces.reshape(-1)
     hashes, repeated = _hash_rows(bits, corners)
-    start, count = 0, 64  # if corners coincide, the first few hashes usually show it
+    start, count = 0, 64  # The first few hashes usually suffice to find coincident corners.
     while start < len(repeated):
         bucket = np.zeros(1 << 20, bool)
         # Preselect corners by the upper 20 bits of their hash, then compare coordinates and faces.
@@ -77,7 +77,7 @@ def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
         corner = np.flatnonzero(bucket[hashes >> 12])
         rows = np.column_stack([bits[corners[corner]], corner // 3])
         rows = rows[~np.isnan(rows[:, :3].astype(np.uint32).view(np.float32)).any(axis=1)]
-        rows = np.unique(rows, axis=0)  # coincident corners of a single face join nothing
+        rows = np.unique(rows, axis=0)  # Coincident corners of a single face join no faces.
         if (rows[1:, :3] == rows[:-1, :3]).all(axis=1).any():
             return True
         start, count = start + count, count << 8
@@ -85,14 +85,14 @@ def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
 
 
 def find_coincident_vertices(vertices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the vertices (n,) that share their coordinates with others, in ascending order, and their
-    groups (n,).
+    """Return the vertices (n,) that share their coordinates with other vertices, in ascending order.
 
-    The number of a group is the position of its lowest vertex in the first array.
+    Also return the group (n,) of each vertex. The number of a group is the position of its lowest vertex in
+    the first array.
     """
     points = _to_stored(vertices)
     hashes, repeated = _hash_rows(points.view(np.uint32))
-    bucket = np.zeros(1 << 20, bool)  # this filter rejects most rows of typical meshes
+    bucket = np.zeros(1 << 20, bool)  # This filter rejects most rows of typical meshes.
     bucket[repeated >> 12] = True
     rows = np.flatnonzero(bucket[hashes >> 12])
     rows = rows[np.isin(hashes[rows], repeated)]
@@ -112,14 +112,14 @@ def _hash_rows(
     for axis in range(3):
         hashes += bits[:, axis]
         hashes *= np.uint32(0x9E3779B1)
-        hashes ^= hashes >> 15  # mix the signs into all bits, otherwise mirrored points get equal hashes
+        hashes ^= hashes >> 15  # Mix the signs into all bits, so that mirrored points get different hashes.
     hashes = hashes if order is None else hashes[order]
     ordered = np.sort(hashes)
     return hashes, ordered[1:][ordered[1:] == ordered[:-1]]
 
 
 def _label_exact(points: NDArray[np.float32]) -> NDArray[Any]:
-    """Return for each of the points (V, 3) from `_to_stored` the lowest vertex with equal coordinates."""
+    """For each of the points (V, 3) from `_to_stored`, return the lowest vertex with equal coordinates."""
     bits = points.view(np.uint32)
     order = np.lexsort(bits.T[::-1])
     rows = bits[order]
@@ -133,17 +133,18 @@ def _label_exact(points: NDArray[np.float32]) -> NDArray[Any]:
 
 
 def _to_stored(vertices: NDArray[Any]) -> NDArray[np.float32]:
-    """Return the vertices (V, 3) as a `.triasset` file stores them, so that a mesh gives the same result as
-    its asset.
+    """Return the vertices (V, 3) as a `.triasset` file stores them.
 
-    The vertices are float32 relative to their origin, with +0 in place of -0, so that equal values have
-    equal bits.
+    A mesh and its asset then have the same result. The vertices are float32 relative to their origin, with +0
+    in place of -0. Therefore equal values have equal bits.
     """
     return np.ascontiguousarray(to_local(vertices, find_origin(vertices)) + np.float32(0.0))
 
 
 def _label_near(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
-    """Return for each vertex (V,) the lowest vertex that a chain of steps up to `distance` connects to it."""
+    """For each vertex (V,), return the lowest vertex that a chain of steps up to `distance` connects to this
+    vertex.
+    """
     from scipy.spatial import cKDTree
 
     with np.errstate(over="ignore"):
@@ -157,7 +158,7 @@ def _label_near(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
     # The search tree squares distances, which must not overflow. Scale coordinates to at most 2. The scale
     # factor is a power of two, so scaling causes no rounding.
     scale = 2.0 ** (math.frexp(float(np.abs(points).max()))[1] - 1)
-    reach = min(distance / scale, 8.0)  # longer than any distance after scaling
+    reach = min(distance / scale, 8.0)  # The value 8 exceeds every scaled distance.
     tree = cKDTree(points / scale)
     pairs = (int(tree.count_neighbors(tree, reach)) - len(points)) // 2
     if pairs > MAX_PAIRS:

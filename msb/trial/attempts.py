@@ -1,9 +1,9 @@
 """Run the attempts at a task in child processes, so that a hang or a crash affects only one attempt.
 
-Libraries have absolute limits, in the unit of the coordinates: xatlas drops faces smaller than 1e-7, and
-fast-simplification cannot resolve errors below 1e-6. Therefore a mesh is moved to its centre, and scaled to a
-median face area of 1. Scaling the bounding box to size 1 would make most faces too small if a single face is
-far away.
+Libraries have absolute limits in the unit of the coordinates. For example, xatlas drops faces smaller than
+1e-7, and fast-simplification cannot resolve errors below 1e-6. Therefore a mesh is moved to its centre, and
+scaled to a median face area of 1. If a single face is far away, scaling the bounding box to size 1 would make
+most faces too small.
 """
 
 from __future__ import annotations
@@ -27,7 +27,10 @@ from msb.trial.task import Attempt, AttemptResult, Output, Task
 def run_attempt(
     task: Task, attempt: Attempt, mesh: TrialMesh, arrays: Mapping[str, NDArray[Any]], limits: Limits
 ) -> AttemptResult:
-    """Run an attempt at a task and return its result. `arrays` are the result of `Task.prepare`."""
+    """Run an attempt at a task and return its result.
+
+    The argument `arrays` contains the result of `Task.prepare`.
+    """
     unit = Unit(1.0, np.zeros(3)) if attempt.any_unit else Unit.of(mesh)
     inputs = _pack({"mesh": unit.to_unit(mesh)}, unit.arrays_to_unit(arrays))
     reply = run_in_child(work, f"{task.name} {attempt.library}", inputs, limits)
@@ -104,7 +107,8 @@ class Unit:
     def from_unit(self, output: Output, powers: Mapping[str, int]) -> Output:
         """Convert an output from this coordinate system to the asset's coordinates.
 
-        `powers` gives the dimension of each number: 1 for a length, 2 for an area, 3 for a volume.
+        The argument `powers` has the dimension of numbers: 1 for lengths, 2 for areas, and 3 for volumes.
+        Numbers without an entry stay unchanged.
         """
         numbers = {
             name: value * self.length ** powers[name] if name in powers and value is not None else value

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from msb.trial.run import Trial, Trials
     from msb.trial.task import Outcome
 
-# Outcome -> text and colour of the outcome in the table.
+# Maps outcomes to their text and colour in the table.
 _WORDS: dict[Outcome, tuple[str, str]] = {
     "works": ("works", "green"),
     "care": ("with limitations", "yellow"),
@@ -85,9 +85,9 @@ def trial(
     """Try typical tasks of artists: unwrap, decimate, subdivide, cut, make a collision shape, print.
 
     Each task runs libraries that artists' tools use, in a child process with time and memory limits. The
-    tasks use the mesh as stored; options merge its vertices or repair it first. Renderings of the results are
-    judged in the views of --cameras. By default, --cameras are the training views if the model stores them,
-    else generated views.
+    tasks use the mesh as stored. Options can merge the vertices of the mesh or repair the mesh first. Results
+    are rendered and compared in the views of --cameras. By default, --cameras are the training views if the
+    model stores them, else generated views.
     """
     from msb.api.command_files import for_each
     from msb.trial.run import SCHEMA
@@ -139,13 +139,13 @@ class _Run:
         }
         if options.save is not None:
             output.check_folder(options.save)
-        drawing.check_device()  # without a device, tasks that need no renderings are still tried
+        drawing.check_device()  # without a device, only tasks without renderings are tried
         if not limits.limits_memory:
             output.note("warning: --memory has no effect on this system; only --seconds limits the libraries")
         self.printed = False
 
     def try_path(self, path: Path, _alone: bool) -> tuple[dict[str, Any], int]:
-        """Try the tasks on the asset at `path`; return the JSON data and the exit status."""
+        """Try the tasks on the asset at `path`. Return the JSON data and the exit status."""
         from msb.api.command_files import open_asset
         from msb.base.own_folder import own_folder
         from msb.trial.run import try_asset
@@ -166,7 +166,7 @@ class _Run:
                     self.output.note(f"{trial.task}: {word}, {trial.seconds:.1f} s", level=1)
 
                 result = try_asset(asset, self.tasks, **self.arguments, keep=keep, watch=watch)
-        except MsbError as error:  # print the results before saving, because they took minutes
+        except MsbError as error:  # Print the results, because the tasks took minutes.
             if result is None:
                 raise
             self.output.reword(error)

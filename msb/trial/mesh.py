@@ -62,7 +62,7 @@ class TrialMesh:
     def unshared(self, colors: NDArray[np.float32]) -> TrialMesh:
         """Return a triangle soup with three vertices per face.
 
-        `colors` (3F, 3) are the vertex colours of the soup.
+        The argument `colors` (3F, 3) contains the vertex colours of the soup.
         """
         corners = self.faces.reshape(-1)
         faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
@@ -77,7 +77,8 @@ class TrialMesh:
     def of(cls, name: str, arrays: Mapping[str, NDArray[Any]]) -> TrialMesh:
         """Check the types and shapes of arrays from a library, and return them as a mesh.
 
-        Raise ValueError if the arrays are invalid. `name` is the name of the mesh in the error message.
+        Raise ValueError if the arrays are invalid. The argument `name` is the name of the mesh in the error
+        message.
         """
         checked: dict[str, Any] = {}
         for key, width, kind in (
@@ -130,7 +131,7 @@ def prepare_mesh(asset: Asset, weld: Weld | None = None) -> TrialMesh:
 
 
 def _average_colors(asset: Asset, faces: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Return the colours (V, 3) of the vertices; face and corner colours are averaged."""
+    """Return the colours (V, 3) of the vertices. Face and corner colours are averaged."""
     stored = colors_of(asset)
     if stored is None:
         return np.ones((asset.manifest.vertex_count, 3), np.float32)
@@ -142,7 +143,10 @@ def _average_colors(asset: Asset, faces: NDArray[np.int64]) -> NDArray[np.float3
 
 
 def _average_groups(group: NDArray[np.int64], values: NDArray[np.float32], count: int) -> NDArray[np.float32]:
-    """Return the average (`count`, 3) of the values (n, 3) of each group (n,); white for empty groups."""
+    """Return the average value (`count`, 3) of each group.
+
+    Row i of `values` (n, 3) is in group[i]. An empty group is white.
+    """
     size = np.bincount(group, minlength=count)
     sums = np.stack([np.bincount(group, values[:, k], count) for k in range(3)], axis=1)
     averages = sums / np.maximum(size, 1)[:, None]

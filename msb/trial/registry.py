@@ -23,7 +23,7 @@ TASKS: dict[str, Task] = {
 
 
 def select_tasks(names: Iterable[str] | str) -> list[Task]:
-    """Return the tasks with these names; all tasks by default.
+    """Return the tasks with these names. By default, return all tasks.
 
     The first or last word of a name selects all tasks with that word: "decimate" selects "decimate_50" and
     others. An entry of `names` may contain several names, separated by commas.
@@ -47,7 +47,7 @@ def select_installed(attempts: Iterable[Attempt]) -> list[Attempt]:
 
 
 def check_libraries(tasks: Sequence[Task]) -> None:
-    """Raise EXTRA_MISSING if a task lacks its libraries and no task has a library of the extra."""
+    """Raise EXTRA_MISSING if a task lacks its libraries and no library of the extra is installed."""
     libraries = {task.name: {entry.library for entry in select_installed(task.attempts)} for task in tasks}
     without_the_extra = {"numpy"}
     if all(libraries.values()) or set().union(*libraries.values()) - without_the_extra:

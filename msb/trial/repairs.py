@@ -43,7 +43,8 @@ SCHEMA = "msb.repair_compare/1"
 TIERS: tuple[Tier, ...] = ("standard", "dedicated")
 # The name of the table row for the asset without repair.
 STORED = "as stored"
-# Name of the strategy -> its repair plan, and the library that runs the step (None: MeshSplatBench).
+# Maps the name of a strategy to its repair plan and to the library that runs the step. None means
+# MeshSplatBench.
 STRATEGIES: dict[str, tuple[tuple[str, ...], Peer | None]] = {
     "orient,pair": (("orient", "pair"), None),
     "orient,cut": (("orient", "cut"), None),
@@ -62,8 +63,8 @@ TASKS = ("uv", "decimate_50", "subdivide", "boolean", "solid")
 class TierLikeness:
     """The similarity between renderings of a repaired asset and of the original on one renderer tier.
 
-    `psnr` is the average over the views in dB. `psnr` is None if all images are equal (`same`), or if the
-    tier cannot be rendered (`why` is the reason).
+    The field `psnr` is the average over the views in dB. The value is None if all images are equal (`same`),
+    or if the tier cannot be rendered for the reason `why`.
     """
 
     psnr: float | None = None
@@ -73,7 +74,7 @@ class TierLikeness:
 
 @dataclass(frozen=True, eq=False)
 class StrategyResult:
-    """The result of a repair strategy. If the strategy failed, only `why` is set."""
+    """The result of a repair strategy. If the strategy failed, only the reason `why` is set."""
 
     strategy: str
     plan: tuple[str, ...] = ()
@@ -126,7 +127,10 @@ class StrategyResult:
 
 
 def document(path: str | None, views: str, rows: Iterable[StrategyResult]) -> dict[str, Any]:
-    """Return a comparison of repairs as JSON data; `views` describes the views, such as "8 test views"."""
+    """Return a comparison of repairs as JSON data.
+
+    The argument `views` describes the views, such as "8 test views".
+    """
     return {"schema": SCHEMA, "path": path, "views": views, "strategies": [row.to_dict() for row in rows]}
 
 
@@ -136,7 +140,7 @@ def count_passed(trials: Iterable[Trial]) -> int:
 
 
 def list_strategies(options: Options) -> dict[str, tuple[tuple[str, ...], Peer | None]]:
-    """Return `STRATEGIES` and the plan of `options`, if that plan differs from all of them."""
+    """Return `STRATEGIES` and the plan of `options`, unless `STRATEGIES` contains this plan."""
     name = ",".join(options.plan)
     return STRATEGIES if name in STRATEGIES else {**STRATEGIES, name: (options.plan, None)}
 
@@ -189,7 +193,7 @@ def compare(
         start = time.perf_counter()
         try:
             done = repair_asset(asset, replace(options, plan=steps, peer=peer))
-        except OutputError:  # a failure to write a temporary file is not a fault of the strategy
+        except OutputError:  # Temporary files cannot be written.
             raise
         except MsbError as error:
             rows.append(StrategyResult(name, steps, peer, why=f"{error.code}: {error.message}"))
@@ -270,17 +274,20 @@ def _render(asset: Asset, tier: Tier, cameras: Sequence[Camera], device: str | N
 def _save_picture(
     keep: Path, name: str, asset: Asset, done: Repaired, camera: Camera, device: str | None
 ) -> str | None:
-    """Write the image of a result and return its file name; return None if it cannot be rendered."""
+    """Write the image of a result and return its file name. Return None if the result cannot be rendered."""
     try:
         return save_picture(keep, name, asset, done, camera, device)
     except OutputError:  # the folder cannot be written
         raise
-    except MsbError:  # the reason is in `TierLikeness.why`
+    except MsbError:  # `TierLikeness.why` has the reason.
         return None
 
 
 def _compare_tier(original: Images | str, repaired: Images | str) -> TierLikeness:
-    """Compare the images of two assets on a tier; a text instead of images is the reason."""
+    """Compare the images of two assets on a tier.
+
+    A text in place of images is the reason why images are missing.
+    """
     if isinstance(original, str) or isinstance(repaired, str):
         return TierLikeness(why=original if isinstance(original, str) else str(repaired))
     result = compare_images(original, repaired)

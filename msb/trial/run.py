@@ -46,7 +46,7 @@ class Trial:
         "care" means that the task works with limitations. "not_run" means that a library or images are
         missing, or that every library crashed or exceeded its limits.
     why : str or None
-        The reason why the outcome is not better.
+        The reason if the outcome is not "works".
     seconds : float
         The total time of the libraries. A library that exceeded its time limit adds this limit.
     numbers : dict
@@ -79,10 +79,11 @@ class Trial:
 class Trials:
     """The results of all tasks on a mesh.
 
-    `mesh` has the numbers of vertices and faces, the distance of merged vertices ("weld"), the repair plan,
-    and the SHA-256 hash of the mesh. `cameras` has the "count" of cameras, their origin "from" ("given",
-    "training", "turntable", "inside"), and the description "views". "see_nothing" is the number of cameras
-    that do not see the mesh, and "no_pictures" the reason why nothing was rendered, if any.
+    The field `mesh` has the numbers of vertices and faces, the distance of merged vertices ("weld"), the
+    repair plan, and the SHA-256 hash of the mesh. The field `cameras` has the number of cameras ("count"),
+    their origin ("from"), and their description ("views"). The origin is "given", "training", "turntable" or
+    "inside". "see_nothing" is the number of cameras that do not see the mesh. If nothing was rendered,
+    "no_pictures" is the reason.
     """
 
     path: str | None
@@ -107,7 +108,7 @@ def trial(
     limits: Limits | None = None,
     device: str | None = None,
 ) -> list[Trial]:
-    """Try typical tasks of artists on a mesh; each task runs its usual library.
+    """Try typical tasks of artists on a mesh. Each task runs its usual library.
 
     Parameters
     ----------
@@ -140,7 +141,7 @@ def trial(
     AssetError
         A coordinate is not finite, an index is out of range, or the repair left no face.
     InputError, CheckpointError, MeshFileError, MeshError, Unsupported
-        The path cannot be read, or the weld is invalid.
+        The file cannot be read, or the weld is invalid.
 
     Examples
     --------
@@ -175,12 +176,13 @@ def try_asset(
     meshes: bool = True,
     watch: Callable[[Trial], None] = lambda _: None,
 ) -> Trials:
-    """Try tasks on an asset; see `trial` for the other parameters.
+    """Try tasks on an asset. See `trial` for the other parameters.
 
-    `view_kind` is the `kind` of generated views in `msb.views.choose_views`.
+    The argument `view_kind` selects the kind of generated views, as in `msb.views.choose_views`.
 
-    `keep` is the folder for results. An image of each task is saved in this folder, and with `meshes` also
-    the results as GLB files. `watch` is called with the result of each task.
+    The argument `keep` is the folder for results. An image of each task is saved in this folder. With
+    `meshes`, the results are also saved as GLB files. The argument `watch` is called with the result of each
+    task.
     """
     selected = select_tasks(tasks)
     limits = Limits() if limits is None else limits
@@ -217,7 +219,7 @@ def try_asset(
 
 
 def _repair(mesh: TrialMesh, options: Options) -> TrialMesh:
-    """Return the repaired mesh; raise TRIASSET_EMPTY if no face is left."""
+    """Return the repaired mesh. Raise TRIASSET_EMPTY if no face is left."""
     repaired, _ = repair_mesh(mesh.to_mesh(), options)
     if not len(repaired.faces):
         text = f"the repair {','.join(options.plan)} removed all faces of the mesh"
@@ -302,12 +304,12 @@ class _TaskRun:
                 for name, reply in failed.items()
             }
         if not outputs:
-            # a crash or an exceeded limit does not prove a fault of the mesh
+            # Crashes and exceeded limits may be faults of the library.
             ended = any(reply.ended_by is not None for reply in failed.values())
             return Judgement("not_run" if ended else "fails", why, numbers)
         judgement = self.task.judge(self.mesh, outputs, self.renderings)
-        # If all main libraries crashed or exceeded their limits, no fault of the mesh is proven, even if the
-        # fallback fails.
+        # If all main libraries crashed or exceeded their limits, the mesh may be correct. The outcome is then
+        # not "fails".
         ended = all(
             replies[attempt.library].ended_by is not None
             for attempt in self.task.attempts
@@ -324,10 +326,10 @@ class _TaskRun:
     def add_file_verdict(
         self, judgement: Judgement, summary: str, outputs: dict[str, Output], files: Sequence[str]
     ) -> tuple[Judgement, str]:
-        """Return the judgement and the summary, both with the verdict on the mesh of the best result.
+        """Return the judgement and the summary.
 
-        If the result is BAD or worse than the original, the best possible outcome is "works with
-        limitations".
+        The judgement and the summary contain the verdict on the mesh of the best result. If the result is BAD
+        or worse than the original, the best possible outcome is "works with limitations".
         """
         best = judgement.numbers.get("best", next(iter(outputs), ""))
         for key, mesh in outputs[best].meshes.items() if best else ():
@@ -345,7 +347,7 @@ class _TaskRun:
                 )
                 reason = "; ".join(filter(None, (judgement.why, text)))
                 judgement = Judgement("care", reason, judgement.numbers)
-            elif judgement.why and not summary:  # a fallback library has no summary
+            elif judgement.why and not summary:  # Fallback libraries have no summary.
                 judgement = replace(judgement, why=f"{judgement.why}; {text}")
             else:
                 summary = "; ".join(filter(None, (summary, text)))

@@ -36,7 +36,7 @@ Outputs = Mapping[str, Output]
 
 @dataclass(frozen=True)
 class Attempt:
-    """A library and the function that uses it; the function runs in a child process.
+    """A library and the function that uses it. The function runs in a child process.
 
     Attributes
     ----------
@@ -46,8 +46,8 @@ class Attempt:
         A function of the mesh and the arrays of `Task.prepare`. Exceptions of the function are reported as
         the reason of a failure.
     any_unit : bool
-        True if the result does not depend on the unit of length, so that the mesh is passed as stored. If
-        false, inputs and outputs are in the unit of `msb.trial.attempts`.
+        True if the result does not depend on the unit of length, so that the mesh is passed as stored.
+        Otherwise, inputs and outputs are in the unit of `msb.trial.attempts`.
     """
 
     library: str
@@ -60,8 +60,8 @@ class Attempt:
 class AttemptResult:
     """The result of an attempt: its output, or the reason of its failure.
 
-    `ended_by` is the reason if the process was ended early. `seconds` is the time of the library, or None if
-    it did not run.
+    The field `ended_by` is the reason why the process was stopped, if it was stopped. The field `seconds` is
+    the time of the library, or None if the library did not run.
     """
 
     output: Output | None
@@ -73,7 +73,7 @@ class AttemptResult:
 
 @dataclass(frozen=True)
 class Judgement:
-    """The outcome of a task, the reason why it is not better, and the measured numbers."""
+    """The outcome of a task, the reason for a limitation or failure, and the measured numbers."""
 
     outcome: Outcome
     why: str | None = None
@@ -81,7 +81,7 @@ class Judgement:
 
     @property
     def rank(self) -> int:
-        """The rank of the outcome; 0 is the best outcome."""
+        """The rank of the outcome. The best outcome has the rank 0."""
         return OUTCOMES.index(self.outcome)
 
 
@@ -98,8 +98,8 @@ class Task:
         most one mesh.
     judge : callable
         A function of the mesh, the outputs by library, and the renderings. The function is called only if
-        there is an output; otherwise the task fails. If there are several outputs, the number "best" names
-        the best library.
+        there is an output. If all attempts fail, the task fails. If there are several outputs, the number
+        "best" names the best library.
     summarize : callable
         A function that turns the numbers into a short text for a table.
     powers : mapping of str to int
@@ -109,8 +109,7 @@ class Task:
     picture : callable, optional
         A function that draws the outputs as an image (H, W, 3) uint8, or returns None.
     needs_images : bool
-        Whether the judgement needs renderings. Without renderings the outcome is "not_run", unless the task
-        fails anyway.
+        Whether the judgement needs renderings. Without renderings, the outcome is "not_run" or "fails".
     """
 
     name: str
@@ -151,7 +150,8 @@ def pick_worst(outcomes: Iterable[Outcome]) -> Outcome:
 def grade(value: float | None, works: float, care: float) -> Outcome:
     """Return the outcome for a value that should be small.
 
-    `works` and `care` are the largest values that give these outcomes. The value None counts as "works".
+    The arguments `works` and `care` are the largest values that give these outcomes. The value None counts as
+    "works".
     """
     if value is None or value <= works:
         return "works"

@@ -97,8 +97,10 @@ def audit(
 
 
 class _Task:
-    """A single run of the command `msb audit`. All options are parsed first; then the meshes are read and
-    audited in turn."""
+    """A single run of the command `msb audit`.
+
+    All options are parsed first. After the options, the meshes are read and audited in turn.
+    """
 
     def __init__(self, options: AuditOptions, conditions: GateOptions, output: Output) -> None:
         from msb.topology.weld import parse_weld
@@ -118,7 +120,7 @@ class _Task:
         self.seen: tuple[Path, StoredMesh, Audit, Analysis] | None = None
 
     def run(self, paths: tuple[Path, ...]) -> int:
-        """Audit all inputs in `paths`; return the highest exit status."""
+        """Audit all inputs in `paths`. Return the highest exit status."""
         from msb.api.command_files import for_each
         from msb.topology.audit import SCHEMA
 
@@ -134,8 +136,10 @@ class _Task:
         return status
 
     def audit_mesh(self, path: Path, alone: bool) -> tuple[dict[str, Any], int]:
-        """Audit the mesh at `path` and print the report; return its JSON data, and the exit status of the
-        gates (conditions)."""
+        """Audit the mesh at `path` and print the report.
+
+        Return the JSON data of the audit, and the exit status that follows from the gates (conditions).
+        """
         from msb.api.auditing import audit_stored
         from msb.api.command_files import note_warnings
         from msb.api.commands.audit_text import print_audit
@@ -143,7 +147,7 @@ class _Task:
 
         with self.output.progress(f"reading {path.name}"):
             mesh = read_stored(path, images=self.options.view)
-        # Infos about ignored parts of a file, such as normals, do not affect the audit.
+        # Findings with the severity "info", such as ignored normals, do not affect the audit.
         warnings = (warning for warning in mesh.warnings if warning.severity != "info")
         note_warnings(warnings, path, self.output)
         with self.output.progress(f"auditing {path.name}: {len(mesh.faces):,} faces"):
@@ -155,7 +159,7 @@ class _Task:
             from msb.topology.elements import find_elements
 
             write_elements(find_elements(analysis), self.options.elements, overwrite=self.output.force)
-        # Print the report; print a blank line before every report except the first.
+        # Print the report. Print a blank line before every report except the first.
         times = ", ".join(f"{stage} {time:.1f} ms" for stage, time in result.timings_ms.items())
         self.output.note(f"{path}: {result.computed_by}: {times}", level=1)
         if self.output.prints_text:
@@ -189,13 +193,13 @@ class _Task:
         with self.output.progress(f"comparing {path.name} with other libraries"):
             check = cross_check(mesh.vertices, mesh.faces, result, analysis)
         for what, why in check.skipped.items():
-            # Report each library that is skipped. A quantity that a library cannot compute for this mesh is
-            # reported only with -v.
+            # Report each library that is skipped. With -v, also report quantities that a library cannot
+            # compute for this mesh.
             self.output.note(f"{path}: {what} skipped: {why}", level=1 if " " in what else 0)
         return replace(result, cross_check=check.to_rows())
 
     def print_all(self, documents: list[dict[str, Any]]) -> None:
-        """Print a row for each mesh and a line of totals; with --quiet print only the totals."""
+        """Print a row for each mesh and a line of totals. With --quiet print only the totals."""
         from msb.api.commands.audit_text import print_summary, totals
 
         audits = [(document["path"], self.audits.get(document["path"], document)) for document in documents]
@@ -207,7 +211,7 @@ class _Task:
 
 
 def _disagreements(result: Audit, path: Path) -> list[GateFailed]:
-    """Return an error for each count that another library contradicts."""
+    """Return an error for each count for which another library has a different value."""
     texts = [
         f"{row['quantity']} is {row['ours']}, but {row['theirs']} for {row['peer']}"
         for row in result.cross_check or ()

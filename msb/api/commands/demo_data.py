@@ -17,8 +17,8 @@ def demo_data(
     """Write small scenes, trained models and protocols to try every command with (8 MB, no download).
 
     Each dataset has a scene in the dataset's layout, with models by four methods. The data also has a
-    checkpoint, an asset with typical defects of trained models, cameras, and two protocols (for two scenes,
-    and for all). --force replaces demo data in DIR, and keeps all other files.
+    checkpoint, an asset with typical defects of trained models, and cameras. Two protocols describe
+    benchmarks of two scenes and of all scenes. --force replaces demo data in DIR, and keeps all other files.
     """
     from msb.api.demo import PROTOCOL, RESULTS, write_demo
 

@@ -25,7 +25,7 @@ def info(path: Source, output: JsonOutput) -> None:
 
     For a .triasset, the command reads the manifest and checks paths and sizes. msb validate also checks the
     values. For a mesh file or checkpoint, msb info shows the asset that msb convert would write. Gaussian
-    splats are not a mesh; the command shows them, and ends with exit status 4.
+    splats are not a mesh. The command shows Gaussian splats, and ends with exit status 4.
     """
     from msb.api.command_files import open_asset
     from msb.asset.tiers import reject_gaussians
@@ -34,7 +34,7 @@ def info(path: Source, output: JsonOutput) -> None:
     size = sum(spec.byte_length for spec in asset.manifest.buffers.values())
     manifest, textures = asset.manifest.to_dict(), _textures(asset.manifest)
     document = {"schema": "msb.info/1", "path": str(path), "buffer_bytes": size, "manifest": manifest}
-    if any(asset.manifest.origin):  # the bounds in the manifest are relative to the origin
+    if any(asset.manifest.origin):  # The bounds in the manifest are relative to the origin.
         bounds, sphere = asset.manifest.bounds, asset.manifest.bounding_sphere
         center = _in_scene(sphere.center, asset.manifest)
         document["bounds"] = {key: _in_scene(getattr(bounds, key), asset.manifest) for key in ("min", "max")}

@@ -1,4 +1,4 @@
-"""`msb validate`: report all errors of an asset, each finding with its code."""
+"""`msb validate`: report all errors of an asset with their codes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def validate(
 ) -> None:
     """Check assets completely: container, manifest, sizes, hashes and values.
 
-    Errors make the command fail with status 1; warnings and infos do not. A mesh file or checkpoint is
+    Errors make the command fail with status 1. Warnings and infos do not. A mesh file or checkpoint is
     converted to an asset in memory, and this asset is checked.
     """
     require(paths or explain, "Missing PATH. Pass a .triasset, a mesh file, or a folder with such files")

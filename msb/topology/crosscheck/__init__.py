@@ -1,4 +1,4 @@
-"""Compare the audit of a mesh with the answers of six other libraries (peers), and explain the differences.
+"""Compare the audit of a mesh with six other libraries (peers), and explain the differences.
 
 Only this package uses libigl, PyMeshLab, manifold3d, trimesh (as a judge), NetworkX and NVIDIA's USD
 validator. `peers.py` runs each peer in a separate process. `expected.py` predicts the answers of each peer
@@ -24,18 +24,17 @@ Verdict = Literal["agrees", "differs_by_definition", "disagrees"]
 # Time limit of each peer in seconds, plus this many seconds for each million faces. libigl needs 12 s per
 # million.
 PATIENCE = 60.0
-# Peers that other extras install too; NetworkX is a dependency of scikit-image (extra bench).
+# Peers that other extras also install. For example, NetworkX is a dependency of scikit-image (extra bench).
 ANYWAY = {"NetworkX"}
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """A number of our audit beside the number of a peer.
+    """A number from our audit, and the corresponding number from a peer library.
 
-    If the numbers agree, `why` is empty. If the numbers differ, `why` explains how the definitions differ
-    on this mesh and by how much, or names the expected number. `call` names the function of the peer. A
-    disagreement is a difference that definitions cannot explain. A disagreement is a bug in the peer or in
-    our audit.
+    If the numbers agree, `why` is empty. If the numbers differ, `why` explains the difference between the
+    definitions, or names the expected number. The field `call` names the function of the peer. A disagreement
+    is a difference that the definitions cannot explain. A disagreement is a bug in the peer or in our audit.
     """
 
     peer: str
@@ -50,7 +49,10 @@ class Comparison:
 
 @dataclass(frozen=True)
 class CrossCheck:
-    """All comparisons; `skipped` maps a peer, or "PEER QUANTITY", to the reason for the missing answer."""
+    """All comparisons.
+
+    The field `skipped` maps a peer, or "PEER QUANTITY", to the reason for the missing answer.
+    """
 
     rows: tuple[Comparison, ...]
     skipped: dict[str, str]
@@ -65,8 +67,8 @@ def cross_check(
 ) -> CrossCheck:
     """Measure a mesh with every installed peer, and compare the answers with our audit.
 
-    `report` and `analysis` are the results of `audit_arrays` for the same arrays. Each peer may run for
-    `timeout` seconds. The default time limit is 60 seconds, plus 60 seconds per million faces.
+    The arguments `report` and `analysis` are the results of `audit_arrays` for the same arrays. Each peer may
+    run for `timeout` seconds. The default time limit is 60 seconds, plus 60 seconds per million faces.
     """
     points, triangles = mesh_arrays(vertices, faces)
     installed = [peer for peer in PEERS if is_installed(PEERS[peer].module)]
@@ -117,7 +119,7 @@ def compare(peer: str, answers: Answers, facts: Facts) -> tuple[list[Comparison]
 
 
 def _judge(expected: Expected, theirs: Answer) -> tuple[Verdict, str]:
-    """Return whether a peer's number agrees with ours, and the reason for a difference."""
+    """Return whether a peer's number agrees with our number, and the reason for a difference."""
     if _are_close(theirs, expected.ours, 0 if expected.why else expected.slack):
         return "agrees", ""
     if expected.why and _are_close(theirs, expected.theirs, expected.slack):

@@ -1,9 +1,9 @@
 """Predict the answers of each peer about a mesh from the differences between its definitions and ours.
 
-A prediction is our number plus a shift that this module computes from the mesh. Therefore a bug in our
-audit causes a disagreement, even where definitions differ. Almost every shift comes from faces with a
-repeated index. Our definitions give faces with a repeated index no edges; most peers give them three vertex
-pairs. docs/definitions.md lists the differences.
+The prediction is our number plus the effect of each difference, which this module computes from the mesh. A
+bug in our audit therefore causes a disagreement, even if the definitions differ. Almost every effect comes
+from faces with a repeated index. In our definitions, faces with a repeated index have no edges. For most
+peers, these faces have three vertex pairs.
 """
 
 from collections import defaultdict
@@ -71,14 +71,15 @@ class Facts:
             self.shift = {key: n - proper[key] for key, n in self.with_all_rows.items()}
 
     def same(self, quantity: str, call: str, shift: str | None = None) -> Expected:
-        """Expect our count plus the repeated-index faces that the peer also counts."""
+        """Expect our count plus the number of repeated-index faces, if the peer also counts them."""
         ours = getattr(self.counts, quantity)
         by = self.shift[shift] if shift else 0
         return Expected(quantity, call, quantity, ours, ours + by, self.rows_kept(by))
 
     def rows_kept(self, by: int) -> str:
-        """Return the reason "it counts repeated-index rows", or "" if these faces do not change the
-        number."""
+        """Return the reason for counting repeated-index faces, or "" if these faces do not change the
+        number.
+        """
         if by == 0:
             return ""
         return f"it counts the vertex pairs and corners of {self.rows}, which we exclude"
@@ -91,7 +92,7 @@ class Facts:
     def area(self, call: str) -> Expected:
         """Expect our area.
 
-        Return None if a corner is not finite, because the peer's area is then NaN.
+        If a corner is not finite, return None, because the peer's area is then NaN.
         """
         ours = self.report.metrics.total_area
         if self.counts.nonfinite_faces:
@@ -101,13 +102,13 @@ class Facts:
         points = self.analysis.vertices[np.unique(self.analysis.mesh.faces)].astype(np.float64)
         with np.errstate(over="ignore"):
             extent = float(np.ptp(points, axis=0).max())
-        # Sums in different orders agree to 1e-9 of the area. The area of a thin triangle may be only the
-        # rounding error of its sides, hence the second term.
+        # Sums in different orders agree to 1e-9 of the area. The second term allows for thin triangles, whose
+        # areas can be pure rounding errors.
         slack = 1e-9 * ours + 1e-14 * extent * extent * self.counts.faces
         return Expected("total_area", call, "total_area", ours, ours, "", slack=slack)
 
     def loops(self, call: str, unfit: str = "") -> Expected:
-        """Expect our boundary loops, or skip a mesh for which the peer does not define loops."""
+        """Expect our number of boundary loops. Skip meshes for which the peer does not define loops."""
         if self.repeated:
             unfit = "not defined for meshes with repeated-index rows"
         elif self.counts.nonmanifold_vertices:
@@ -127,7 +128,7 @@ class Facts:
     def euler(self, call: str, vertices: int, which: str, edges: str) -> Expected:
         """Expect the Euler characteristic of a peer that counts other vertices and edges than our audit.
 
-        The peer counts `vertices` vertices; the text `which` describes them. The peer's edges include the
+        The peer counts `vertices` vertices, which the text `which` describes. The peer's edges include the
         vertex pairs of repeated-index faces.
         """
         ours = self.report.metrics.euler_characteristic
@@ -227,7 +228,7 @@ def expect_trimesh(facts: Facts) -> list[Expected]:
 
 
 def _expect_flag(quantity: str, call: str, ours: bool, theirs: bool, facts: Facts) -> Expected:
-    """Expect a flag that differs from ours only because of repeated-index faces."""
+    """Expect a flag that can only differ from our flag because of repeated-index faces."""
     why = "" if ours == theirs else f"it counts the vertex pairs of {facts.rows}"
     return Expected(quantity, call, quantity, ours, theirs, why)
 
@@ -235,8 +236,8 @@ def _expect_flag(quantity: str, call: str, ours: bool, theirs: bool, facts: Fact
 def expect_manifold3d(facts: Facts) -> list[Expected]:
     """Return whether manifold3d should accept the mesh.
 
-    manifold3d pairs half-edges in opposite directions, so it accepts an edge with two faces in each
-    direction. manifold3d requires at least four vertices and four faces.
+    manifold3d pairs half-edges in opposite directions. Therefore manifold3d accepts an edge with two faces in
+    each direction. manifold3d requires at least four vertices and four faces.
     """
     counts, mesh = facts.counts, facts.analysis.mesh
     ours = _is_oriented(counts)
@@ -263,7 +264,10 @@ def _is_oriented(counts: Counts) -> bool:
 
 
 def expect_networkx(facts: Facts) -> list[Expected]:
-    """Return the expected answers of NetworkX, which equal our numbers: the graphs follow our definitions."""
+    """Return the expected answers of NetworkX.
+
+    The answers equal our numbers, because the graphs follow our definitions.
+    """
     names = {
         "edges": "vertex graph",
         "nonmanifold_edges": "vertex graph, three faces and more",

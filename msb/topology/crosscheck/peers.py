@@ -1,9 +1,9 @@
 """Measure a mesh with each peer library. Only this module and `repairs.py` import the peers.
 
-Every function takes a mesh with at least one face and valid indices, and returns the peer's answers under the
-names that `expected.py` uses. `ask_peers` runs the functions in separate processes, because peers print, hang
-or crash on some faulty meshes. Tested with libigl 2.6.3, PyMeshLab 2025.7.post1, manifold3d 3.5.4, trimesh
-5.2.0, NetworkX 3.6.1 and usd-validation-nvidia 1.22.0 with usd-core 26.8.
+Every function takes a mesh with at least one face and valid indices. The function returns the peer's answers
+under the names that `expected.py` uses. `ask_peers` runs the functions in separate processes, because peers
+print, hang or crash on some faulty meshes. Tested with libigl 2.6.3, PyMeshLab 2025.7.post1, manifold3d
+3.5.4, trimesh 5.2.0, NetworkX 3.6.1 and usd-validation-nvidia 1.22.0 with usd-core 26.8.
 """
 
 import math
@@ -28,10 +28,10 @@ Answers = dict[str, Answer]
 
 @dataclass(frozen=True)
 class Peer:
-    """A peer library, and the function that measures a mesh with it: (V, 3) float64 vertices and (F, 3)
-    int64 faces.
+    """A peer library, and the function that measures a mesh with it.
 
-    Larger meshes than `max_faces` would take too much time or memory.
+    The function takes (V, 3) float64 vertices and (F, 3) int64 faces. Larger meshes than `max_faces` would
+    take too much time or memory.
     """
 
     module: str
@@ -96,7 +96,7 @@ def ask_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> An
         "off_edge_vertices": int(measures["non_two_manifold_vertices"]),
         "components": int(measures["connected_components_number"]),
     }
-    if measures["number_holes"] >= 0:  # the value is -1 on meshes that are not two-manifold
+    if measures["number_holes"] >= 0:  # The value is -1 for meshes that are not two-manifold.
         answers["boundary_loops"] = int(measures["number_holes"])
     return answers
 
@@ -105,7 +105,7 @@ def ask_manifold3d(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> A
     """Return whether manifold3d accepts the faces as a solid.
 
     manifold3d also rejects coordinates that are not finite in float32. Only connectivity is tested here, so
-    all coordinates are zero; manifold3d crashes on some meshes whose half-edges cannot be paired.
+    all coordinates are zero. manifold3d crashes on some meshes with half-edges that have no partner.
     """
     import manifold3d
 
@@ -144,8 +144,8 @@ def ask_networkx(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Ans
     """Return the counts of NetworkX. The graphs follow our definitions and are built here in plain Python.
 
     The vertex graph gives the edges. The face graph connects consecutive faces of an edge, and gives the
-    components. The third graph is the union of all vertex links. The node (v, w) of this graph is the edge
-    v-w at its end v. Each face is an arc of this graph at each of its corners.
+    components. The third graph is the union of all vertex links. In this graph, the node (v, w) is the end v
+    of the edge v-w. A face connects two nodes of this graph at each of its corners.
     """
     import networkx
 
@@ -217,7 +217,7 @@ def ask_nvidia(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answe
 
 
 def _finite_or_none(value: Any) -> float | None:
-    """Return a finite float, or None: JSON has no NaN."""
+    """Return a finite float. Other values than finite floats become None, because JSON has no NaN."""
     number = float(value)
     return number if math.isfinite(number) else None
 
@@ -228,7 +228,7 @@ PEERS: dict[str, Peer] = {
     "PyMeshLab": Peer("pymeshlab", "pymeshlab", ask_pymeshlab),
     "manifold3d": Peer("manifold3d", "manifold3d", ask_manifold3d),
     "trimesh": Peer("trimesh", "trimesh", ask_trimesh),
-    # NetworkX has Python objects for each element and takes about 10 s and 0.9 GB at this limit.
+    # At this limit, NetworkX takes about 10 s and 0.9 GB for its Python objects.
     "NetworkX": Peer("networkx", "networkx", ask_networkx, max_faces=200_000),
     # NetworkX takes 10 s and 0.9 GB per million faces.
     "NVIDIA": Peer("usd_validation_nvidia", "usd-validation-nvidia", ask_nvidia, max_faces=2_000_000),

@@ -37,7 +37,7 @@ def cut_by_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Re
 
 
 def drop_by_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Repaired:
-    """Return the faces that remain after PyMeshLab repairs first the edges (Remove Faces) and then the
+    """Return the faces that remain after a repair by PyMeshLab: first the edges (Remove Faces), then the
     vertices.
 
     Vertices and faces carry their numbers as a scalar attribute. PyMeshLab's filters keep this attribute.
@@ -67,7 +67,7 @@ PEER_STEPS: dict[str, PeerStep] = {
 
 
 def repair_by_peer(peer: str, step: str, points: NDArray[Any], faces: NDArray[Any], limits: Limits) -> Change:
-    """Return the change made by step `step` of peer `peer`; `PEER_STEPS` has the keys PEER-STEP.
+    """Return the change made by step `step` of peer `peer`. `PEER_STEPS` has the keys PEER-STEP.
 
     Faces with a repeated index are removed.
     """

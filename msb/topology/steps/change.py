@@ -58,7 +58,7 @@ class Change:
 
     @property
     def corner_map(self) -> NDArray[Any]:
-        """(3F',) the old corner of each new corner; NONE in added faces."""
+        """(3F',) the old corner of each new corner. Added faces have NONE."""
         corners = self.face_map[:, None] * 3 + np.arange(3)
         corners[self.turned, 1:] = corners[self.turned, :0:-1]
         corners[self.face_map == NONE] = NONE

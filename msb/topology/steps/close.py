@@ -25,16 +25,16 @@ def close(
     most_edges: int = MOST_EDGES,
     most_share: float = MOST_SHARE,
 ) -> Change:
-    """Close the holes with at most `most_edges` edges; added faces and vertices come last.
+    """Close the holes with at most `most_edges` edges. Added faces and vertices come last.
 
     A boundary loop of three edges gets one face. A boundary loop of four edges gets two faces that share a
-    diagonal: the shorter diagonal, unless it is already an edge. A longer boundary loop gets a new vertex
-    in its middle. Boundary loops stay open in three cases:
+    diagonal. The shorter diagonal is used, unless it is already an edge. A longer boundary loop gets a new
+    vertex in its middle. A boundary loop stays open in three cases:
 
-    - the cap's area exceeds the share `most_share` of the area of the component. Such a boundary
-      loop is the outline of a piece. The cap of a flat piece has the share 1, the cap of a hemisphere 1/2;
-    - they are the outline of a single triangle;
-    - they pass through a vertex twice, change their winding, or end at an edge with more than two faces.
+    - The area of the cap, relative to the area of the component, exceeds `most_share`. Such a loop is the
+      outline of a piece. The cap of a flat piece has the share 1, and the cap of a hemisphere has 1/2.
+    - The loop is the outline of a single triangle.
+    - The loop passes through a vertex twice, changes its winding, or ends at an edge of three or more faces.
 
     Edges keep at most two faces, and vertices keep their number of fans. The step takes O(F log F) time.
     """
@@ -47,7 +47,7 @@ def close(
     around = np.zeros(len(rim.sizes))
     around[rim.loop] = parts.areas[parts.face_component[face_of(rim.halfedge)]]
     small &= cap <= most_share * around
-    # A cap over the outline of a single triangle would only repeat it.
+    # A cap over the outline of a single triangle would only repeat the triangle.
     face = face_of(rim.halfedge)
     lowest, highest = np.full(len(small), len(faces)), np.full(len(small), -1)
     np.minimum.at(lowest, rim.loop, face)
@@ -55,7 +55,7 @@ def close(
     small &= lowest != highest
     if not small.any():
         return unchanged(faces, len(points))
-    # first: the boundary edge of each loop at which the construction of its cap starts.
+    # `first` is the boundary edge at which the cap of each loop starts.
     first = np.zeros(len(rim.sizes), np.intp)
     first[rim.loop[::-1]] = np.arange(len(rim.loop))[::-1]
     caps = [_cap_triangles(rim, first[small & (rim.sizes == 3)])]
@@ -83,7 +83,7 @@ Cap = tuple["NDArray[Any]", "NDArray[Any]"]
 class _RimEdges:
     """The boundary half-edges, and the loops that they form.
 
-    The first five arrays have an entry per boundary edge, the last two an entry per loop.
+    The first five arrays have an entry for each boundary edge. The other arrays have an entry for each loop.
 
     Attributes
     ----------
@@ -113,15 +113,15 @@ def _find_rims(analysis: Analysis) -> _RimEdges:
     halfedge = mesh.edge_halfedges[mesh.edge_offsets[boundary.edges]]
     after = next_in_face(halfedge)
     leaves, enters = fans.corner_fan[halfedge], fans.corner_fan[after]
-    # begins_at: the boundary edge that leaves each fan. The edge that leaves a fan follows the boundary
+    # `begins_at` is the boundary edge that leaves each fan. The edge that leaves a fan follows the boundary
     # edge that enters this fan.
     begins_at = np.full(len(fans.fan_vertex), NONE, np.intp)
     begins_at[leaves] = np.arange(len(halfedge))
     follows = begins_at[enters]
     loop, start = boundary.chain, mesh.origin[halfedge]
     whole = boundary.closed.copy()
-    # If the winding flips along a boundary, two half-edges leave one fan, and no half-edge leaves another
-    # fan.
+    # If the winding flips along a boundary, two boundary half-edges leave one fan. Another fan then has no
+    # such half-edge.
     whole[loop[(np.bincount(leaves, minlength=len(begins_at))[leaves] > 1) | (follows == NONE)]] = False
     # A loop that passes through a vertex twice cannot be closed.
     order = np.lexsort((start, loop))
@@ -148,15 +148,17 @@ def _cap_triangles(rim: _RimEdges, first: NDArray[Any]) -> Cap:
 def _cap_quadrangles(
     analysis: Analysis, rim: _RimEdges, first: NDArray[Any]
 ) -> tuple[list[Cap], NDArray[Any]]:
-    """Return caps of two faces each, and the loops of which both diagonals are already edges."""
+    """Return caps of two faces each. Also return the loops of which both diagonals are already edges."""
     count = len(analysis.vertices)
-    # corner, beside (n, 4): vertices of each loop in order, and the face at each boundary edge.
+    # `corner` (n, 4) has the vertices of each loop in order. `beside` (n, 4) has the face at each boundary
+    # edge.
     places = _walk_around(rim, first, 4)
     corner = np.stack([rim.start[place] for place in places], axis=1)
     beside = np.stack([face_of(rim.halfedge[place]) for place in places], axis=1)
     where = analysis.vertices[corner].astype(np.float64)
     length = np.linalg.norm(where[:, :2] - where[:, 2:], axis=2)
-    # Try the shorter diagonal first, then the longer diagonal; an existing edge is no candidate.
+    # Try the shorter diagonal first, then the longer diagonal. A diagonal that is already an edge cannot be
+    # used.
     taken = analysis.mesh.edge_vertices.astype(np.int64)
     taken = taken[:, 0] * count + taken[:, 1]
     caps: list[Cap] = []
@@ -168,7 +170,7 @@ def _cap_quadrangles(
         )
         diagonal = np.sort(ring[:, ::2].astype(np.int64), axis=1)
         key = diagonal[:, 0] * count + diagonal[:, 1]
-        _, earliest = np.unique(key, return_index=True)  # two holes may share a diagonal
+        _, earliest = np.unique(key, return_index=True)  # Two holes may share a diagonal.
         free = np.zeros(len(left), bool)
         free[earliest] = True
         free &= ~np.isin(key, taken)
@@ -185,7 +187,7 @@ def _cap_quadrangles(
 def _cap_with_middles(rim: _RimEdges, wanted: NDArray[np.bool_], vertex_count: int) -> tuple[Cap, Rims]:
     """Return the faces between each boundary edge and a new vertex, and the rims of the new vertices.
 
-    `wanted` (n,) marks the loops to close. New vertices are numbered from `vertex_count` on.
+    The argument `wanted` (n,) marks the loops to close. New vertices are numbered from `vertex_count` on.
     """
     inside = np.flatnonzero(wanted[rim.loop])
     inside = inside[np.argsort(rim.loop[inside], kind="stable")]

@@ -16,13 +16,14 @@ _ROUNDS = 64
 
 
 def drop(points: NDArray[Any], faces: NDArray[Any], *, weights: NDArray[Any] | None = None) -> Change:
-    """Remove faces at edges with more than two faces. Then copy the vertices where surfaces only touch.
+    """Remove faces at edges with more than two faces.
 
-    Faces with the most such edges are removed first. If the numbers are equal, the face with the smallest
-    weight (F,) is removed. The default weight of a face is its area. Finding the smallest set of faces is
-    NP-hard, because the problem contains hypergraph matching, so the choice is greedy. Afterwards, removed
-    faces are restored as long as no edge gets a third face. Each round removes many faces that share no
-    edge with too many faces. There are few rounds, and each round takes O(F log F) time. Copies of vertices
+    After the removal, copy the vertices where surfaces only touch. The first faces to remove have the largest
+    number of edges with more than two faces. If the numbers are equal, the face with the smallest weight (F,)
+    is removed. The default weight of a face is its area. Finding the smallest set of faces is NP-hard,
+    because the problem contains hypergraph matching, so the choice is greedy. Afterwards, removed faces are
+    restored as long as no edge gets a third face. Each round removes many faces that do not share edges of
+    three or more faces. The step takes few rounds, and each round takes O(F log F) time. Copies of vertices
     come last.
     """
     mesh = build_half_edges(faces, len(points))
@@ -47,7 +48,7 @@ def _remove(
         face, edge = _list_faces_at(edges, np.flatnonzero(keep), count > 2)
         if len(face) == 0:
             return
-        # order: faces with many crowded edges come first, then faces with a small weight.
+        # `order` lists faces with many crowded edges first, then faces with a small weight.
         score = np.bincount(face, minlength=len(keep))
         among = np.flatnonzero(score)
         order = np.lexsort((_scramble(among), weight[among], -score[among]))
@@ -86,8 +87,7 @@ def _restore(
 def _list_faces_at(
     edges: NDArray[Any], faces: NDArray[Any], wanted: NDArray[np.bool_]
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return for each edge of `faces` marked in `wanted` (E,) its faces: the face numbers (n,) and their
-    edges (n,)."""
+    """Return the faces of all edges that `wanted` (E,) marks, as face numbers (n,) and their edges (n,)."""
     faces = faces[edges[faces, 0] != NONE]
     place = np.flatnonzero(wanted[edges[faces]])
     return faces[place // 3], edges[faces].reshape(-1)[place]
@@ -96,9 +96,9 @@ def _list_faces_at(
 def _take_first_in_line(
     face: NDArray[Any], edge: NDArray[Any], line: NDArray[Any], face_count: int, room: NDArray[Any]
 ) -> NDArray[Any]:
-    """Return the pairs (face, edge) whose face is among the first ``room[edge]`` faces of the edge.
+    """At each edge, select the first ``room[edge]`` faces. Return the selected pairs (face, edge).
 
-    `line` lists faces in order of preference.
+    The argument `line` lists faces in order of preference.
     """
     place = np.zeros(face_count, np.int64)
     place[line] = np.arange(len(line))
@@ -111,6 +111,6 @@ def _take_first_in_line(
 def _scramble(numbers: NDArray[Any]) -> NDArray[np.uint32]:
     """Return reproducible pseudo-random numbers that break ties.
 
-    Without the random numbers, neighbouring faces wait for each other.
+    Without these numbers, many rounds would be needed, because neighbouring faces wait for each other.
     """
     return numbers.astype(np.uint32) * np.uint32(2654435761)

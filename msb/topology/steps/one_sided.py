@@ -1,10 +1,11 @@
 """Cut one-sided surfaces, such as Moebius strips, along short loops of edges until they have two sides.
 
-Walking along edges carries a sense of rotation from vertex to vertex. A loop that returns with the opposite
-sense is one-sided, and a cut along it removes that loop. In the search, the whole rim of a hole counts as
-one vertex. A cut from rim to rim is therefore a loop too, and a strip is cut across, not lengthwise.
+A walk along edges carries a sense of rotation from vertex to vertex. A loop is one-sided if the sense of
+rotation is reversed at its end. A cut along the loop removes the loop. In the search, the whole rim of a hole
+counts as one vertex. Therefore a cut from one rim to another rim is also a loop. A strip is cut across its
+width.
 
-Turning faces never makes a one-sided loop consistent: the loop always passes an edge whose two faces have
+Turning faces never makes a one-sided loop consistent. The loop always passes an edge whose two faces have
 opposite windings. The search for short loops therefore starts at edges whose two faces have opposite
 windings. The search finds many loops in one pass. A loop of edges is cut only if its two sides cannot be
 wound consistently.
@@ -33,9 +34,9 @@ def cut_one_sided(
 ) -> tuple[Change, int, int]:
     """Return the change, the number of cuts, and the number of cut edges. No component stays one-sided.
 
-    Components are joined across two-face edges. Copies of the vertices along a cut are last; faces keep
-    their positions. A mesh without one-sided components is not changed. With `only_manifold`, a mesh that
-    has an edge with more than two faces is also not changed, because cutting would separate all such edges.
+    Components are joined across two-face edges. Copies of the vertices along a cut are last. Faces keep their
+    positions. A mesh without one-sided components is not changed. If `only_manifold` is true, a mesh with
+    edges of more than two faces is not changed, because cutting would separate all such edges.
     """
     change, cuts, edges = unchanged(faces, vertex_count), 0, 0
     while True:
@@ -54,9 +55,10 @@ def cut_one_sided(
 def _find_loops_to_cut(
     mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any], sides: Sides
 ) -> list[NDArray[Any]]:
-    """Return the shortest necessary loops of each one-sided component as numbers of two-face edges.
+    """Return the shortest necessary loops of each one-sided component.
 
-    `first` and `second` are the half-edges (E2,) of the two-face edges.
+    A loop consists of numbers of two-face edges. The arguments `first` and `second` are the half-edges (E2,)
+    of the two-face edges.
     """
     differ = mesh.origin[first] == mesh.origin[second]
     face, beyond = face_of(first), face_of(second)
@@ -76,7 +78,7 @@ def _find_loops_to_cut(
     steps = _Steps(nodes.label[low], nodes.label[high], odd, component, clash[inside], passed)
     loops = [inside[loop] for loop in _find_shortest_odd_loops(steps)]
 
-    # A loop is unnecessary if the pieces between all loops can be wound consistently across this loop.
+    # A loop is unnecessary if the pieces on both sides of the loop can be wound consistently.
     cut = np.concatenate(loops)
     rest = np.delete(np.arange(len(first)), cut)
     pieces = find_sides(mesh.face_count, face[rest], beyond[rest], differ[rest])
@@ -118,11 +120,11 @@ class _Steps:
 
 @dataclass(frozen=True)
 class _Level:
-    """The sorted states (n,) that a breadth-first search reaches after a certain number of steps.
+    """The sorted states `place` (n,) that a breadth-first search reaches after some number of steps.
 
     A search state is one number for three values: a start, a node, and the parity of the odd steps between
-    them. `before` is the row of the previous level from which the search arrived. `step` is the step from
-    that row to this state.
+    the start and the node. The field `before` is the row of the previous search state in the previous level.
+    The field `step` is the step from the previous state to this state.
     """
 
     place: NDArray[np.int64]
@@ -134,12 +136,12 @@ class _Level:
 
 
 def _find_shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
-    """Return short loops with an odd number of odd steps, as row numbers of `steps`. No two loops share a
-    vertex.
+    """Return short loops with an odd number of odd steps, as row numbers of `steps`.
 
-    Every odd loop takes a step that is marked as a start. A single breadth-first search runs from all starts.
-    Two paths from one start to the same node form an odd loop if their parities differ. The search in a
-    component ends at the level with its first loops, because these loops are the shortest.
+    No two loops share a vertex. Every loop with an odd number of odd steps contains a step that is marked as
+    a start. A single breadth-first search runs from all starts. Two paths from one start to the same node
+    form an odd loop if their parities differ. The search in a component ends at the level with its first
+    loops, because these loops are the shortest.
     """
     # Adjacency: the steps that leave each node, as ranges first[node] : first[node + 1].
     nodes, ends = np.unique(np.concatenate([steps.near, steps.far]), return_inverse=True)
@@ -169,7 +171,7 @@ def _find_shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
         new = new[~np.isin(there[new], np.concatenate([level.place for level in levels[-2:]]))]
         levels.append(reached[new])
 
-        # Two paths to one node with different parity close a loop.
+        # Two paths to the same node close an odd loop if their parities differ.
         alive = np.ones(len(new), bool)
         start = levels[-1].place // size
         for mirror in (len(levels) - 2, len(levels) - 1):

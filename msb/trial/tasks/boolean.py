@@ -59,7 +59,7 @@ def _judge(_: TrialMesh, outputs: Outputs, __: Renderings) -> Judgement:
     if not numbers["accepted_merged"]:
         return Judgement("fails", f"manifold3d rejects the mesh: {numbers['status']}", numbers)
     whole, left, taken = (numbers[name] for name in ("volume", "volume_left", "volume_taken"))
-    size = max(abs(whole), abs(left) + abs(taken))  # volumes of opposite winding may cancel out
+    size = max(abs(whole), abs(left) + abs(taken))  # Volumes of opposite winding may cancel out.
     error = abs(left + taken - whole) / size if size else 1.0
     numbers = {**numbers, "volume_error": error}
     if error > TOLERANCE:

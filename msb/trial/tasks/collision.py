@@ -18,11 +18,11 @@ from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, c
 from msb.trial.tasks.decimate import decimate_with_pymeshlab, draw_side_by_side
 
 # Limits of the distance from the visible surface to the shape for "works" and for "works with limitations".
-# The limit applies to the 95 % quantile of the distance over the surface, as a fraction of the bounding-box
+# The limit applies to the 95 % quantile of the distances on the surface. The unit is the bounding-box
 # diagonal.
 NEAR, FAR = 0.02, 0.05
 # Limits of the protruding fraction of the shape for "works" and for "works with limitations". A part of the
-# shape protrudes if cameras see empty space at the place of this part.
+# shape protrudes if a camera sees empty space in its place.
 LITTLE, MUCH = 0.1, 0.3
 # A point protrudes if its distance in front of the surface exceeds this fraction of the diagonal.
 TOLERANCE = 0.01
@@ -34,7 +34,7 @@ _PERCENT = 10
 
 
 def _prepare(_: TrialMesh, renderings: Renderings) -> dict[str, NDArray[Any]]:
-    """Sample the visible surface; the result is the array "visible" (n, 3)."""
+    """Sample the visible surface. The result is the array "visible" (n, 3)."""
     points = renderings.visible_points(_POINTS)
     return {} if points is None else {"visible": points}
 
@@ -212,9 +212,9 @@ def _list_measures(numbers: Numbers) -> list[str]:
 
 
 def _summarize(numbers: Numbers) -> str:
-    """Return a text with the numbers of CoACD's shape.
+    """Return a text with the numbers of the shape from CoACD.
 
-    The text of a fallback is empty, because the reason for the outcome describes it.
+    Fallbacks have no text, because the reason for the outcome already names the shape.
     """
     if "instead" in numbers:
         return ""

@@ -1,4 +1,7 @@
-"""Decimate a mesh to 50, 25 and 10 % of its faces with two libraries; the better result counts."""
+"""Decimate a mesh to 50, 25 and 10 % of its faces with two libraries.
+
+The better result determines the outcome.
+"""
 
 from functools import partial
 from typing import Any
@@ -22,7 +25,7 @@ from msb.trial.task import (
     pick_worst,
 )
 
-# A result may have up to the requested number of faces times this factor.
+# A result may have this factor times the requested number of faces.
 SLACK = 1.05
 
 
@@ -97,7 +100,7 @@ def _judge(mesh: TrialMesh, outputs: Outputs, renderings: Renderings, *, percent
 
 
 def _grade(entry: Numbers, target: int) -> tuple[Outcome, str | None]:
-    """Return the outcome of a library, and the reason why the outcome is not better."""
+    """Return the outcome of a library, and the reason for a limitation or failure."""
     if not entry["reached"]:
         return "fails", f"the library stops at {entry['faces']:,} of {target:,} requested faces"
     likeness = entry["psnr"]
@@ -109,7 +112,7 @@ def _grade(entry: Numbers, target: int) -> tuple[Outcome, str | None]:
 
 
 def _make_key(library: str) -> str:
-    """Return the key of the numbers of a library."""
+    """Return the key under which the numbers of a library are stored."""
     return library.replace("-", "_")
 
 

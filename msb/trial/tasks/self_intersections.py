@@ -12,10 +12,10 @@ from msb.trial.mesh import TrialMesh
 from msb.trial.renderings import Renderings
 from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, format_count, grade
 
-# Largest fraction of crossing faces for "works with limitations"; 1 % can be repaired by hand.
+# Largest fraction of crossing faces for "works with limitations". A fraction of 1 % can be repaired by hand.
 FEW = 0.01
-# Largest fraction of slivers for "works". With more slivers than this, the task works with limitations:
-# slivers shade badly, but the audit still calls the mesh OK.
+# Largest fraction of slivers for "works". With more slivers than this, the task works with limitations.
+# Slivers shade badly, but the audit still calls the mesh OK.
 FEW_SLIVERS = 0.01
 # Colours of crossing faces, slivers and other faces in the image: red, yellow and grey.
 _CROSSING, _SLIVER, _PLAIN = (0.85, 0.1, 0.1), (0.9, 0.7, 0.1), (0.75, 0.75, 0.75)

@@ -20,10 +20,10 @@ INWARDS = "the faces are wound inwards, so the volume is negative"
 
 
 def build_solid(mesh: TrialMesh) -> tuple[Any, Numbers]:
-    """Return manifold3d's solid of the mesh, and its status as numbers; run in a child process only.
+    """Return manifold3d's solid of the mesh, and its status as numbers.
 
-    The solid is None if manifold3d rejects the mesh even after merging vertices. On some meshes with unpaired
-    half-edges, manifold3d crashes.
+    Call this function only in a child process. The solid is None if manifold3d rejects the mesh even after
+    merging vertices. On some meshes with unpaired half-edges, manifold3d crashes.
     """
     import manifold3d
 
@@ -124,8 +124,8 @@ def cut_section(mesh: TrialMesh) -> NDArray[np.float64]:
     above = heights > 0
     cut = above.any(axis=1) & ~above.all(axis=1)
     corners, heights, above = corners[cut], heights[cut], above[cut]
-    # odd (n,): number of the corner that is alone on its side of the plane. Both edges at the lone corner are
-    # cut.
+    # `odd` (n,) is the number of the single corner on one side of the plane. The plane cuts both edges at
+    # this corner.
     odd = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)
     rows = np.arange(len(odd))
     ends = []

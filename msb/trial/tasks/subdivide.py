@@ -1,7 +1,7 @@
 """Loop subdivision by libigl: check whether Loop's rule is defined, and measure opening cracks.
 
 Loop's rule is defined for edges with one face and with two faces. Modelling programs make the winding
-consistent, cut the mesh at all other edges, and subdivide the result. The subdivision in this module follows
+consistent, cut all edges with more faces, and subdivide the result. The subdivision in this module follows
 the steps of modelling programs. The copies of a cut edge are smoothed independently, which opens a crack
 between them.
 """
@@ -45,8 +45,8 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
     given = build_half_edges(stored, len(used))
     crowded = int(np.count_nonzero(given.multiplicity > 2))
     clashes = len(given.two_face_halfedges[0]) - len(find_agreeing_halfedges(given)[0])
-    # Make the winding consistent, cut the mesh, and subdivide it. origin (W,) is the old vertex of each new
-    # vertex.
+    # Make the winding consistent, cut the mesh, and subdivide it. The array `origin` (W,) has the old vertex
+    # of each new vertex.
     turned = turn_faces(stored, len(used)).faces
     cut, origin = cut_apart(turned, len(used))
     matrix, faces = igl.loop_matrix(cut, len(origin))
@@ -69,7 +69,9 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
 
 
 def find_agreeing_halfedges(mesh: HalfEdgeMesh) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the two half-edges (n,), (n,) of each consistently wound edge of two faces."""
+    """Return the first half-edge (n,) and the second half-edge (n,) of each consistently wound edge of two
+    faces.
+    """
     first, second = mesh.two_face_halfedges
     agree = mesh.origin[first] != mesh.origin[second]
     return first[agree], second[agree]
@@ -101,23 +103,23 @@ def measure_gap_area(
 ) -> float:
     """Return the area of the cracks that subdivision opens between coinciding edges.
 
-    Two edges coincide if their ends have equal coordinates, even if they share no vertices. If several edges
-    coincide, each further edge is compared with the first edge. The crack between two edges consists of four
+    Two edges coincide if their ends have equal coordinates, even if they share no vertices. If more than two
+    edges coincide, the first edge is compared with all others. The crack between two edges consists of four
     triangles between the halves of the edges.
 
-    `vertices` (V, 3) and `cut` (F, 3) are the vertices and faces of the cut mesh before the subdivision.
-    `points` (W, 3) and `fine` (4F, 3) are the vertices and faces of the subdivided mesh. `points` start with
-    the vertices of the cut mesh, in their smoothed places.
+    The arguments `vertices` (V, 3) and `cut` (F, 3) are the vertices and faces of the cut mesh before the
+    subdivision. The arguments `points` (W, 3) and `fine` (4F, 3) are the vertices and faces of the subdivided
+    mesh. The argument `points` starts with the vertices of the cut mesh, in their smoothed places.
     """
     _, place = merge_coincident(vertices, "exact")
-    # The edges (E,) of the cut mesh. `place` (V,) numbers the distinct locations; edges start at the lower
+    # The edges (E,) of the cut mesh. `place` (V,) numbers the distinct locations. Edges start at the lower
     # number.
     start, stop = build_half_edges(cut, len(vertices)).edge_vertices.astype(np.int64).T
     turned = place[start] > place[stop]
     start, stop = np.where(turned, stop, start), np.where(turned, start, stop)
     here, there = place[start], place[stop]
     middle = _find_middles(start, stop, fine)
-    # Group coinciding edges. lead (E,) is the first edge in the group of each edge.
+    # Group coinciding edges. `lead` (E,) is the first edge in the group of each edge.
     _, group, count = np.unique(
         np.stack([here, there], axis=1), axis=0, return_inverse=True, return_counts=True
     )
@@ -143,19 +145,19 @@ def _find_middles(
 ) -> NDArray[np.int64]:
     """Return the new vertex (E,) at the middle of each edge from `start` (E,) to `stop` (E,).
 
-    A subdivided face abc becomes four faces. Three of the four faces of a subdivided face have one old corner
-    and the middles of its two edges.
+    A subdivided face abc becomes four faces. Each of three new faces consists of an old corner and two
+    middles of edges.
     """
     old = int(max(start.max(), stop.max())) + 1
-    # corner (n,): the old corner of each face with an old corner, at its position in the face.
+    # `corner` (n,) is the old corner of each face that has an old corner.
     corners = fine[(fine < old).sum(axis=1) == 1]
     turn = np.argmax(corners < old, axis=1)
     rows = np.arange(len(corners))
     corner = corners[rows, turn]
     pairs = [(corner, corners[rows, (turn + k) % 3]) for k in (1, 2)]
     vertex, middle = (np.concatenate(column) for column in zip(*pairs, strict=True))
-    # The middle of an edge is paired with both ends of the edge. A pair of a middle and an end occurs once
-    # for each face at the edge.
+    # The middle of an edge is paired with both ends of the edge. A pair is repeated for each face at the
+    # edge.
     ends = np.unique(np.stack([middle, vertex], axis=1), axis=0)
     low, high = ends[0::2, 1], ends[1::2, 1]
     # Find the edges by a key made of their two ends.

@@ -50,7 +50,8 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
         atlases.append(placed >= 0 if placed.dtype.kind == "i" else placed != _NONE)
     original, uv, chart = (np.concatenate(parts) for parts in (rows, uvs, charts))
     left_out = ~np.concatenate(atlases)[faces].all(axis=1)
-    # xatlas divides UVs by the width and height of the atlas. Undo the division to measure the stretch.
+    # xatlas divides UVs by the width and height of the atlas. Multiply the UVs by the size of the atlas to
+    # measure the stretch.
     points = mesh.vertices[original]
     numbers = {
         "charts": int(atlas.chart_count),
@@ -68,14 +69,15 @@ _NONE = np.uint32(0xFFFFFFFF)
 
 
 def measure_stretch(vertices: NDArray[Any], faces: NDArray[np.int64], uv: NDArray[Any]) -> float | None:
-    """Return the L2 stretch of the UV map `uv` (V, 2), 1 without distortion; None without area.
+    """Return the L2 stretch of the UV map `uv` (V, 2).
 
-    Sander et al., "Texture Mapping Progressive Meshes", 2001, section 3, define the L2 stretch. The stretch
-    is the root mean square of the singular values of the map from the texture to the surface, averaged over
-    the surface. The map is first scaled to the area of the surface. Faces without area on the surface or in
-    the texture are ignored.
+    A map without distortion has the stretch 1. Return None for a mesh without area. Sander et al., "Texture
+    Mapping Progressive Meshes", 2001, section 3, define the L2 stretch. The stretch is the root mean square
+    of the singular values of the map from the texture to the surface. The mean is weighted by surface area.
+    Before the measurement, the map is scaled to the area of the surface. Faces without area on the surface or
+    in the texture are ignored.
     """
-    # Two edges (F, 3) of each face on the surface, and the same two edges (F, 2) in the texture.
+    # Compute two edges (F, 3) of each face on the surface, and the same edges (F, 2) in the texture.
     corners, mapped = (values[faces].astype(np.float64) for values in (vertices, uv))
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     a, b = mapped[:, 1] - mapped[:, 0], mapped[:, 2] - mapped[:, 0]
