@@ -80,7 +80,7 @@ class BakeOptions:
     texture: Annotated[
         int | None,
         Option(
-            "Make a texture of N x N texels. By default, the resolution of the images determines the size.",
+            "Make a texture of N x N texels. By default, the PSNR in the validation views decides the size.",
             least=16,
             most=16384,
         ),
