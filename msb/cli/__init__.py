@@ -1,4 +1,4 @@
-"""The programs `msb` and `msb-audit`, and the modules that turn a function into a command.
+"""The entry points of the programs `msb` and `msb-audit`, and the code that turns functions into commands.
 
 The module of a command is in the package that does its work, as `command.py` or in `commands/`.
 `msb.cli.commands` lists the modules of all commands, and finds commands of other packages in the

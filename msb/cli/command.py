@@ -3,11 +3,11 @@
 A function that is decorated with `command` has parameters of these kinds:
 
 - A dataclass. The dataclass fields with an `Option` become options, and the function receives an object of
-  the dataclass. If the annotation of the parameter has a tuple of names, such as ``Annotated[Views,
-  ("cameras", "size")]``, only these fields become options; the other fields keep their defaults. `Output`
-  is also a dataclass of options. If the function takes an `Output`, all paths are checked before the
-  function runs. - Other parameters with an annotation `Argument` or `Option`. - `Typed`, the parameters
-  that the user gave on the command line.
+  the dataclass. The annotation ``Annotated[Views, ("cameras", "size")]`` makes options of the fields `cameras`
+  and `size` only. All other fields keep their defaults. The class `Output` is such a dataclass. If the
+  function takes an `Output`, all paths are checked before the function runs.
+- Other parameters with an annotation `Argument` or `Option`.
+- `Typed`, the parameters that the user gave on the command line.
 
 A parameter of type Path is an input, unless the `output` of its `Option` is set.
 """
@@ -33,8 +33,7 @@ from msb.errors import MsbError, UsageError, shorten
 
 @dataclass(frozen=True)
 class Everywhere:
-    """The options that every command has. A command can replace such an option by a different option of the
-    same name."""
+    """The options that every command has. A command can define a different option with the same name."""
 
     color: Annotated[
         Literal["auto", "always", "never"] | None,
@@ -90,7 +89,7 @@ class _Declared(NamedTuple):
         option, kind = self.option, self.type
         if get_origin(kind) is tuple:
             kind = list[get_args(kind)[0]]  # type: ignore[misc]
-        if get_origin(kind) in (Union, UnionType):  # command-line values have the first type
+        if get_origin(kind) in (Union, UnionType):  # use the first type of a union on the command line
             kind = get_args(kind)[0] | None
         default = [] if self.default == () else self.default
         number = {int: "N", float: "X"}.get(
@@ -144,8 +143,8 @@ class Command(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the words. An empty word, as from an unset shell variable, is an error."""
-        # Commands without interspersed options pass their words to another program, which may accept empty
-        # words.
+        # Some commands pass their words to another program, which may accept empty words. These commands have
+        # no interspersed options.
         checks = ctx.allow_interspersed_args and not ctx.resilient_parsing
         if checks and any(_EMPTY.fullmatch(word) for word in args):
             ctx.fail("an argument or the value of an option is empty; use . for the current folder")
@@ -157,7 +156,7 @@ class Command(TyperCommand):
         return ["[OPTIONS]", *(word if param.required else f"[{word}]" for param, word in words)]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write first the arguments, then the options."""
+        """Write the arguments before the options."""
         if arguments := self._arguments(ctx):
             with formatter.section("Arguments"):
                 formatter.write_dl([(param.metavar, param.help) for param in arguments])
@@ -309,7 +308,7 @@ _DEMO_DATA = "Create the files of the examples with: msb demo-data data_stubs"
 
 
 def epilog(*examples: str) -> str:
-    """Return the end of a help page: examples, exit statuses, and how to get the files of the examples."""
+    """Return the end of a help page: examples, exit statuses, and the command that writes the demo data."""
     lines = "\n".join(f"  {example}" for example in examples)
     data = f"\n\n{_DEMO_DATA}" if "data_stubs" in lines else ""
     return f"\b\nExamples:\n{lines}\n\n\b\n{_EXIT_TABLE}{data}"

@@ -21,8 +21,7 @@ class Entry(NamedTuple):
     help: str
 
 
-# The module of each command, by heading and name. The folder of a module is missing if its capability was
-# removed.
+# The module of each command, by heading and name. The module is missing if its package was not installed.
 BUILT_IN: dict[str, dict[str, Entry]] = {
     "Check and repair a mesh": {
         "audit": Entry(
@@ -65,7 +64,7 @@ BUILT_IN: dict[str, dict[str, Entry]] = {
     },
     "This machine": {
         "devices": Entry(
-            "msb.render.commands.devices", "List the devices of this machine that compute and draw."
+            "msb.render.commands.devices", "List the OpenCL devices and the renderers of this machine."
         ),
         "completion": Entry("msb.cli.completion", "Print a script for completion with the Tab key."),
     },

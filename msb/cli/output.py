@@ -34,7 +34,7 @@ STDOUT = "-"
 _STDOUT_NAMES = (STDOUT, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
 # Width of tables in characters, even if the terminal is narrower.
 _LEAST_WIDTH = 80
-# Replacements for arrows on streams that cannot print them.
+# Text that replaces arrows if a stream cannot print arrows.
 _PLAIN = str.maketrans({"↑": "(up)", "↓": "(down)"})
 
 
@@ -104,7 +104,7 @@ class Output:
 
     @contextlib.contextmanager
     def _report(self, describe: Callable[[], str]) -> Iterator[None]:
-        """During the block, write lines with ``describe()`` and the elapsed time, except on a terminal."""
+        """Write ``describe()`` and the elapsed time at intervals during the block, except on a terminal."""
         start = time.monotonic()
         lines = self.progress_lines
         if lines is None:
@@ -375,7 +375,10 @@ class Output:
             self._write(self.json_lines, "".join(f"{line}\n" for line in lines))
 
     def write_csv(self, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
-        """Write `rows` to the file of --csv, if this option was given. `formula_safe` escapes the texts."""
+        """Write `rows` to the file of --csv, if this option was given.
+
+        The function `formula_safe` escapes texts that a spreadsheet would run as formulas.
+        """
         if self.csv_file is None:
             return
         import csv
@@ -506,7 +509,7 @@ def open_log(path: Path) -> None:
 
 
 def _check_log(path: Path) -> None:
-    """Reject an existing file whose beginning is not that of an msb log."""
+    """Reject an existing file that does not begin like a log of msb."""
     with contextlib.suppress(FileNotFoundError), path.open("rb") as file:
         begin = file.read(_LOG_BEGINS_WITHIN)
         if begin and not _LOG_BEGINS.match(begin):

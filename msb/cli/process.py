@@ -131,8 +131,8 @@ def _open_closed_streams() -> None:
 def _output_error(error: Exception) -> OutputError | None:
     """Return the error to report if `error` comes from writing to standard output, otherwise None.
 
-    Errors of other files are excluded: `msb.base.atomic` raises errors of msb, and an error of opening a
-    file contains a file name.
+    The function ignores errors of other files. An error of opening a file contains a file name, and
+    `msb.base.atomic` raises errors of msb.
     """
     if not isinstance(error, OSError) or error.filename is not None or error.errno not in DISK_ERRORS:
         return None
@@ -155,7 +155,8 @@ def _as_msb_error(error: Exception, name: str) -> MsbError | None:
     if hasattr(error, "format_message"):  # usage errors that typer raises
         return UsageError("USAGE", _usage_text(error, name))
     if isinstance(error, OSError) and error.filename is not None and error.errno in _NOT_READABLE:
-        # For example, Path.exists can raise this error about an input. Errors of outputs have another class.
+        # For example, Path.exists can raise this error for an input path. Errors of outputs have another
+        # class.
         from msb.base.files import open_error
 
         return open_error(error, error.filename)

@@ -7,8 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 
-# Seconds between two progress lines, and before the first line. A night of work then adds about 600 lines
-# to a log.
+# Seconds between two progress lines, and before the first line. A run of ten hours writes about 600 lines.
 INTERVAL = 60.0
 
 

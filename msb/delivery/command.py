@@ -87,7 +87,8 @@ def convert(
     output: PlainOutput,
     typed: Typed,
 ) -> None:
-    """Convert between .triasset and mesh files, with all vertices and faces, their order and colours.
+    """Convert between .triasset and mesh files. All vertices and faces, their order and their colours are
+    kept.
 
     Mesh formats are .glb, .obj, .off, .ply, .stl, .usd, .usda, .usdc, .usdz and .gltf (read only). Notes list
     the data that OUT cannot store, and the ignored data of IN (normals, lights, bones).

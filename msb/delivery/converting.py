@@ -146,7 +146,7 @@ def convert(
     conversion.check_target(output_path)
     if real_place(place) == real_place(output_path):
         raise UsageError("USAGE", "this path is an input; write the output to another file", file=output_path)
-    if official and not overwrite:  # all other writers do this check themselves
+    if official and not overwrite:  # only the official writer does not check this
         check_new(output_path)
     warnings: list[str] = []
     done = replace(conversion, note=warnings.append).run(place, output_path)
@@ -174,7 +174,7 @@ class Conversion:
     official: bool = False
     overwrite: bool = False
     stage: Stage = _silent
-    # Checks whether an additional file of a mesh may be written.
+    # Check whether a file beside the mesh, such as a texture, may be written.
     check_free: Callable[[Path], None] = lambda path: None
     # Receives each warning about the input immediately.
     note: Callable[[str], None] = lambda text: None

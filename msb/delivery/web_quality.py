@@ -7,10 +7,10 @@ distributes the error that 50 dB allow:
 
 1. Measure the error of the compressed textures.
 2. For each precision of the colours, measure the error of the colours. Subtract the errors of textures and
-colours from the allowed error. Find by bisection the fewest position bits whose error fits into the remaining
-error.
-3. Use the combination with the smallest file. Finally adjust the position bits until the whole file just
-keeps 50 dB.
+colours from the allowed error. By bisection, find the smallest number of position bits with at most the
+remaining error.
+3. Use the combination with the smallest file. Finally adjust the number of position bits until the whole file
+has at least 50 dB.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ MIN_PSNR = 50.0
 _SAMPLES = 4
 # Search range for the precision of positions, in quarters of a bit: 10 to 22 bits.
 _COARSEST, _FINEST = 40, 88
-# Precisions of vertex colours (stored as linear light), from coarse to fine. With None, every channel has one
-# byte. With a number, a channel gets a second byte if the error of one byte exceeds this number of levels of
-# 8-bit sRGB.
+# Precisions of vertex colours (stored as linear light), from coarse to fine. With None, each channel is
+# stored in one byte. A number is the largest allowed error of one byte, in levels of 8-bit sRGB. With a
+# larger error, a channel is stored in two bytes.
 _LEVELS = (None, 4.0, 2.0, 1.0, 0.5)
 
 

@@ -11,8 +11,9 @@ from msb.asset.drawable import require, required_buffer
 from msb.splats.gaussians import Gaussians, Reals
 
 MEAN, SCALE, ROTATION = "gauss.mean", "gauss.scale", "gauss.rotation"
-# Distance of a placeholder's corners from the mean, in standard deviations, for opacity 1. The area of the
-# equilateral triangle is then 2 pi, the integral of the Gaussian over the plane of its two longer axes.
+# Distance from the mean to a corner of the placeholder triangle at opacity 1, in standard deviations. The
+# area of the equilateral triangle is then 2 pi, the integral of the Gaussian over the plane of its two longer
+# axes.
 _REACH = np.sqrt(2 * np.pi / (3 * np.sqrt(3) / 4))
 _CORNERS = np.deg2rad([90, 210, 330])
 # Number of Gaussians whose placeholders are computed at a time, to limit temporary memory.

@@ -127,7 +127,7 @@ def _decompress_streams(data: memoryview, header: _Header) -> bytes:
     at = table + header.streams * _ENTRY.size
     if at > len(data):
         raise damaged("its table of streams is truncated")
-    # Each stream holds one column. A stream is decompressed at most to the size of its column.
+    # Each stream holds one column. Decompression stops at the expected size of the column.
     widths = [width for width in header.widths.values() if width]
     columns = []
     for number, width in zip(range(header.streams), widths, strict=False):
@@ -157,7 +157,7 @@ def _decode(header: _Header, body: bytes) -> Gaussians:
     rest = None
     if header.degree:
         rest = (columns["rest"].reshape(count, -1, 3).astype(np.float32) - 128) / np.float32(128)
-    notes = ("further records of the program that wrote the file",) if header.flags & _HAS_RECORDS else ()
+    notes = ("additional data of the program that wrote the file",) if header.flags & _HAS_RECORDS else ()
     return Gaussians(
         mean=_decode_means(header, columns["mean"]),
         scale=(columns["scale"] / 16 - 10).astype(np.float32),
@@ -180,8 +180,8 @@ def _decode_means(header: _Header, column: NDArray[np.uint8]) -> NDArray[np.floa
 
 
 def _decode_rotations(header: _Header, column: NDArray[np.uint8]) -> Reals:
-    """Return quaternions (N, 4) w, x, y, z; x, y, z are stored as bytes, or as the smallest three
-    components from version 3 on."""
+    """Return quaternions (N, 4) w, x, y, z. Before version 3 the file stores x, y and z as bytes.
+    From version 3 on it stores the three smallest components."""
     if header.version < 3:
         xyz = column / 127.5 - 1
         w = np.sqrt(np.maximum(0, 1 - np.square(xyz).sum(axis=1)))

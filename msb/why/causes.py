@@ -43,11 +43,11 @@ _Change = tuple[Asset, dict[str, Any]]
 
 
 def _draw_supersampling(views: CauseViews) -> _Pair:
-    """Compare images of one and of several samples per pixel."""
+    """Compare images with one sample per pixel and images with several samples per pixel."""
     if views.samples:
         return views.draw_native(settings=dict.fromkeys(views.samples, 1)), views.native
     if why_not(views.asset.manifest, "dedicated") is None:
-        raise DoesNotApplyError("its native renderer also takes one sample per pixel")
+        raise DoesNotApplyError("its native renderer takes only one sample per pixel")
     return views.standard.frames, views.standard.supersampled
 
 
@@ -189,8 +189,8 @@ def _to_srgb(linear: Image) -> Image:
     return np.where(linear <= 0.0031308, 12.92 * linear, curve).astype(np.float32)
 
 
-# Causes that affect every opaque mesh in every engine. For each cause, a function removes the property from
-# the model.
+# Causes that affect every opaque mesh in every engine. Each function removes one property from the model, for
+# example the soft edges.
 BAKED: dict[str, Callable[[Asset], _Change]] = {
     "view_dependence": _without_view_dependence,
     "opacity": _with_full_opacity,

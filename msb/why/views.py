@@ -73,8 +73,8 @@ class CauseViews:
         for name in _SAMPLING_SETTINGS:
             if isinstance(value := values.get(name), int) and value > 1:
                 self.samples[name] = value
-        # Render the standard tier first. If all images show the asset, a separate visibility test is
-        # unnecessary.
+        # Render the standard tier first. If the asset is visible in all images, no separate visibility test
+        # is needed.
         self._standard = None if why_not(asset.manifest, "standard") else self._draw_standard(views.cameras)
         frames = [] if self._standard is None else self._standard.frames
         covered = {number: share for number, frame in enumerate(frames) if (share := measure_coverage(frame))}
@@ -88,7 +88,7 @@ class CauseViews:
     def draw_native(self, asset: Asset | None = None, **options: Any) -> list[Image]:
         """Return native renderings of `asset`, with options of `Renderer`.
 
-        The default is the stored asset.
+        If `asset` is None, draw the stored asset.
         """
         self._check("dedicated")
         settings = options.pop("settings", {})
@@ -181,7 +181,7 @@ class _CullingRenderer(StandardRenderer):
     @in_turn
     def select(self, mask: NDArray[np.bool_]) -> None:
         """Draw only the faces of `mask` (F,) in the following frames."""
-        # Memory reports show the names of the scratch buffers.
+        # The names of the scratch buffers appear in memory reports.
         flags = self._scratch("shown faces", self._faces, np.uint8)
         flags.write(mask.view(np.uint8))
         records = self._scratch("shown triangles", self._all.records.shape)

@@ -64,9 +64,9 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
     """Return a view of an element with `vertices` (k,). If possible, no other face hides the element.
 
     The result is None if the element has no finite position. The direction is chosen among about 100
-    candidates. The most important criterion is that no faces are between element and camera. Among the
-    directions with the fewest faces in between, the function prefers frontal views of the element's faces,
-    and views close to the `current` view.
+    candidates. The most important criterion is that no faces are between element and camera. If several
+    directions have equally few faces in between, frontal views of the element are preferred. Views close to
+    the `current` view are also preferred.
     """
     if not bool(model.finite(vertices[None])[0]):
         return None
@@ -103,8 +103,10 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
 
 
 def component_pose(model: ViewModel, component: int, current: Pose, aspect: float) -> Pose | None:
-    """Return a view in the current direction whose image a component fills; None if the component has no
-    drawn face."""
+    """Return a view in the current direction, in which the component fills the image.
+
+    The result is None if the component has no drawn face.
+    """
     faces = model.faces[model.faces_of(component)]
     if len(faces) == 0:
         return None
@@ -126,8 +128,8 @@ def _may_reach(
     points: NDArray[np.float32], faces: NDArray[Any], target: NDArray[np.float64], reach: float
 ) -> NDArray[np.bool_]:
     """Return a mask (F,) of faces that may intersect the cube around `target` with half-width `reach`."""
-    # Each vertex has six bits, one for each side of the cube. A bit is set if the vertex is outside that
-    # side. If all vertices of a face have the same bit, the face is outside.
+    # Each vertex has six bits, one for each side of the cube. A bit is set if the vertex is outside that side
+    # of the cube. If all vertices of a face have the same bit, the face is outside.
     code = np.zeros(len(points), np.uint8)
     for axis in range(3):
         away = points[:, axis] - np.float32(target[axis])

@@ -18,7 +18,7 @@ _CLICK = 4
 # Priority of the event handlers below. These event handlers must run before the handlers of VTK's
 # interactor style, because that style also uses most keys.
 _FIRST = 10.0
-# For the name of a key in VTK or X11, or for a second key of an action, the name in `TopologyControls.keys`.
+# Names of VTK or X11 keys, and the names of the same keys in `TopologyControls.keys`.
 _NAMES = {
     "[": "bracketleft",
     "]": "bracketright",

@@ -114,7 +114,7 @@ def textured(
 
     The texture is multiplied by corner colours `tint` (3n, 4), and is not drawn where alpha is below
     `cutoff`. Filtering and multiplication are in linear light, as on the standard tier (opaque rendering).
-    There is one difference: tints are decoded at each pixel here, but at each corner on the standard tier.
+    The standard tier decodes tints at each corner; this actor decodes tints at each pixel.
     """
     from vtkmodules.vtkCommonDataModel import vtkImageData
     from vtkmodules.vtkRenderingCore import vtkTexture

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 # Side of an image in pixels: 3.2 inches on paper at 200 dots per inch.
 _SIDE = 640
-# Distance of a close-up, relative to the distance of `element_pose`.
+# Factor for the camera distance of a close-up; `element_pose` gives the distance for factor 1.
 _CLOSER = 0.9
 # Dots per inch of the file.
 _DPI = 130
@@ -126,7 +126,7 @@ def _close_up(viewer: TopologyViewer, column: Column) -> Pose | None:
     else:
         if len(model.sizes) < 2:
             return None
-        # The element is one of the 12 largest components after the first.
+        # Find faces of the second to the thirteenth largest component.
         first = np.flatnonzero((model.face_component >= 1) & (model.face_component <= 12) & model.drawn)
         candidates = model.faces[first]
     if len(candidates) == 0:

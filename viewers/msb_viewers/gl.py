@@ -53,7 +53,7 @@ class GlProbe:
         """Start the test whether VTK can draw."""
         need_extra("view", "pyvista", "vtkmodules", what="the viewer", instead="--html works without it")
         if sys.platform in ("win32", "darwin"):
-            return cls(None)  # OpenGL is part of this system
+            return cls(None)  # Windows and macOS contain OpenGL
         command = [sys.executable, "-c", PROBE]
         quiet = subprocess.DEVNULL
         return cls(subprocess.Popen(command, stdin=quiet, stdout=subprocess.PIPE, stderr=quiet, text=True))

@@ -31,8 +31,8 @@ _WORST_FIRST = (
 _VISIBLE_AT_FIRST = 12_000
 # Number of vertices that are sampled for the first view.
 _FRAMING_SAMPLE = 100_000
-# Ratio of two sphere radii: around all vertices, and around 95 % of them. Above this ratio, the first view
-# ignores distant vertices.
+# Ratio of the radii of two spheres: a sphere around all vertices, and a sphere around 95 % of the vertices.
+# Above this ratio, the first view leaves out distant vertices.
 _FAR_OUT = 4.0
 
 
@@ -97,7 +97,8 @@ class ViewModel:
         return self.audit.judged.topology == "triangle_soup" and len(self.faces) > 1
 
     def row_in_file(self, vertex: int) -> int:
-        """Return the number of a vertex in the file; if vertices are merged at seams, the first of them."""
+        """Return the number of a vertex in the file. A vertex that was merged at seams has several numbers;
+        the function returns the first of these numbers."""
         return vertex if self.seams is None else int(self.seams.first[vertex])
 
     def vertex_of_row(self, row: int) -> int | None:
@@ -265,9 +266,10 @@ def frame_vertices(
 ) -> tuple[NDArray[np.float64], float, str | None]:
     """Return centre and radius of the sphere of the first view, and a note if some vertices are outside.
 
-    Only `vertices` (V, 3) with a true value in `use` (V,) count. Usually the sphere is centred in the
-    bounding box of these vertices and contains all of them. A few distant vertices, such as an outdoor
-    background, can make the sphere very large. In this case the sphere contains only 95 % of the vertices.
+    The sphere is computed from the `vertices` (V, 3) for which `use` (V,) is true. Usually the sphere is
+    centred in the bounding box of these vertices and contains all of them. A few distant vertices, such as an
+    outdoor background, can make the sphere very large. In this case the sphere contains only 95 % of the
+    vertices.
     """
     # Compute the sphere of all vertices.
     rows = np.flatnonzero(use)

@@ -31,9 +31,9 @@ def pick(
     if not allowed.any():
         return None
     direction = np.asarray(direction, np.float64)
-    # Project the vertices along the ray onto a plane with two axes. Along each axis, a face that the ray hits
-    # has vertices on both sides of the ray. The bit code of a vertex tells for each axis on which side of
-    # the ray the vertex is.
+    # Project the vertices along the ray onto a plane with two axes. If the ray hits a face, the face has
+    # vertices on both sides of the ray along each axis. The bit code of a vertex tells for each axis on which
+    # side of the ray the vertex is.
     side = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
     side /= np.linalg.norm(side)
     frame = np.stack([side, np.cross(direction, side), direction], axis=1)

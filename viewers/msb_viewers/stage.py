@@ -17,7 +17,7 @@ _MOST_FACES, _LEAST_FACES = 300_000, 30_000
 # While the view moves, the full mesh is drawn only if a frame takes at most this many seconds (20 frames
 # per second).
 _FLUID_SECONDS = 0.05
-# While the view moves, a layer may draw as many elements as the face budget divided by this number.
+# While the view moves, each layer draws at most (face budget) / _MARKS elements.
 _MARKS = 5
 # Lines and markers have their full size if the median edge is at least this long, in pixels.
 _FULL_SIZE = 40.0
@@ -32,8 +32,9 @@ class Stage:
     """The actors of a model. Actors (VTK objects to draw) are created when needed, and kept as long as they
     are valid.
 
-    While the view is `moving`, simplified meshes are drawn if `seconds`, the time of the last full frame, is
-    too long.
+    `seconds` is the time of the last full frame. If this time is too long, simplified meshes are drawn while
+    the view is `moving`.
+
     `boost` enlarges lines and markers for images that are printed small.
     """
 
@@ -246,7 +247,7 @@ def simplify(
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return the faces (f, 3) of a simplified mesh, and the original faces (f,) that give their colours.
 
-    The number of faces is `target` within a factor of two. Method: vertex clustering (J. Rossignac and P.
+    The number of faces is `target` within a factor of two. The method is vertex clustering (Rossignac and
     Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993). The function takes O(V +
     F) time, and sorts at most 4 `target` faces.
     """

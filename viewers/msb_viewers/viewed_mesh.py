@@ -56,7 +56,8 @@ class ViewedMesh:
 
     For a mesh with a `skin` the `colors` are sampled at the corners, for drawing without textures. `up` is an
     axis such as "+y", or "unknown". `notes` are messages about the drawing. `attributes` are vertex
-    attributes that can have seams, where vertices are duplicated. `seams` is set if the seams are merged.
+    attributes that can have seams, where vertices are duplicated. `seams` describes the merged seams, or is
+    None.
     """
 
     name: str

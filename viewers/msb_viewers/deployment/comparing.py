@@ -30,8 +30,8 @@ from msb_viewers.deployment.state import LAYOUTS, CompareState, Layout
 from msb_viewers.deployment.views import View, scene_views, views_at
 from msb_viewers.sheet import write_png
 
-# Turntable for models without cameras: the number of views, and their width and height in pixels. Views of
-# training cameras are scaled down to an equal longest side.
+# Turntable for models without cameras: the number of views, and their width and height in pixels. Large
+# images of training cameras are scaled down to a longest side of 640 pixels.
 TURNTABLE = (8, 640, 480)
 
 Note = Callable[[str], None]
@@ -187,8 +187,7 @@ def compare(
 class Request:
     """The views, renderer tiers and options of a comparison.
 
-    `cameras` selects the views, either from a file of cameras or from a dataset's scene in the folder
-    `scene`.
+    `cameras` selects the views. The views come from a file of cameras, or from the dataset folder `scene`.
     """
 
     cameras: ViewOptions
@@ -291,7 +290,7 @@ def write(
     only_first = html is None and screenshot is not None
     views = scene.views[:1] if only_first else scene.views
     with TierRenderers(scene) as renderers:
-        # The page needs all views on all tiers. An image needs only the first view, on the tiers that the
+        # The page shows all views on all tiers. An image needs only the first view, on the tiers that the
         # layout shows.
         rows: list[dict[str, Any]] = []
         first: dict[str, Shot] = {}

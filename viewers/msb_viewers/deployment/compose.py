@@ -152,7 +152,7 @@ class _Composer:
                 11,
                 anchor=("l" if index == 0 else "r" if index == 4 else "m") + "m",
             )
-        words = "difference per pixel: root mean square of red, green, blue; 1 for black and white"
+        words = "difference of a pixel: root mean square of red, green and blue, from 0 to 1"
         canvas.write(box.left, bar.bottom + px(29), words, 11, FAINT, anchor="lm", room=box.width)
 
     def draw_caption(self, tier: str, box: Box) -> None:

@@ -30,7 +30,8 @@ LABELS = {
     "standard": "Standard",
     BAKED: "Baked",
 }
-# Number of faces above which the reference tier must be requested, because NumPy takes minutes per view.
+# Above this number of faces, the reference tier is drawn only on request, because NumPy takes minutes per
+# view.
 MOST_REFERENCE_FACES = 200_000
 
 
@@ -38,8 +39,9 @@ MOST_REFERENCE_FACES = 200_000
 class Shot:
     """The result of a tier for a camera: the image (H, W, 3), or the reason `why` the image is missing.
 
-    The image equals the image of `msb render`. `milliseconds` is the time on the device without reading
-    back, or the run time of NumPy. `nbytes` is the device memory of the tier, and `where` is the device.
+    The image has the same pixels as the output of `msb render`. `milliseconds` is the time on the device
+    without reading back, or the run time of NumPy. `nbytes` is the device memory of the tier. `where` is the
+    name of the device.
     """
 
     tier: str
