@@ -3,9 +3,9 @@
 A function that is decorated with `command` has parameters of these kinds:
 
 - A dataclass. The dataclass fields with an `Option` become options, and the function receives an object of
-  the dataclass. The annotation ``Annotated[Views, ("cameras", "size")]`` makes options of the fields `cameras`
-  and `size` only. All other fields keep their defaults. The class `Output` is such a dataclass. If the
-  function takes an `Output`, all paths are checked before the function runs.
+  the dataclass. With ``Annotated[Views, ("cameras", "size")]`` only the fields `cameras` and `size` become
+  options. All other fields keep their defaults. The class `Output` is such a dataclass. If the function takes
+  an `Output`, all paths are checked before the function runs.
 - Other parameters with an annotation `Argument` or `Option`.
 - `Typed`, the parameters that the user gave on the command line.
 

@@ -21,7 +21,8 @@ _MIN_SCALE = 1e-30
 
 @dataclass(frozen=True, eq=False)
 class Gaussians:
-    """A set of `N` Gaussians with the stored parameters of 3DGS.
+    """A set of `N` Gaussians with the stored parameters of 3DGS, before activation. The axes are x right, y
+    down, z forward.
 
     Attributes
     ----------
