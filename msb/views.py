@@ -37,7 +37,8 @@ from msb.scenes.sets import check_cameras
 # Maximum number of training cameras to use. The cameras are spread evenly over all training cameras. The
 # limit bounds the computing time.
 MAX_TRAINING_VIEWS = 12
-# If generated views see less than this share of the area, views from the other side are also tried.
+# If outside views see less than this share of the area, inside views are also tried. The same limit applies
+# to inside views.
 MIN_SEEN_SHARE = 0.8
 # Number of outside views, and of inside views, that measure the visible area. The views are spread evenly.
 _MEASURED_VIEWS = 12
@@ -84,7 +85,7 @@ class ChosenViews:
 
     @property
     def is_generated(self) -> bool:
-        """Whether the views were generated instead of given or found beside the model."""
+        """Whether msb generated the views."""
         return self.origin not in ("given", "training")
 
     @property
@@ -347,7 +348,8 @@ def _is_interior(asset: Asset, outside: list[Camera], within: list[Camera], devi
         return False
     with Renderer(asset, "standard", device) as renderer:
         front, back, behind, _ = _test_visibility(asset, renderer, outside)
-        # If the winding is consistent, only front sides count as visible. Otherwise both sides count.
+        # If the winding is consistent, only front sides count as visible. If the winding is not consistent,
+        # back sides also count as visible.
         is_sided = behind >= _BEHIND_SHARE or behind <= 1 - _BEHIND_SHARE
         visible = (front if is_sided else front | back).mean()
         if visible >= 0.5:

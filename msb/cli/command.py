@@ -50,8 +50,8 @@ class Typed(dict[str, str]):
     """The parameters given on the command line, each with its label, such as ``--size`` for ``size``."""
 
     def reject(self, names: Iterable[str], text: str) -> None:
-        """Raise a UsageError if one of these parameters is given on the command line. `text` follows the
-        label of the parameter."""
+        """Raise a UsageError if one of these parameters is given on the command line. The message consists of
+        the label of the parameter and `text`."""
         for name in names:
             if name in self:
                 raise UsageError("USAGE", f"{self[name]} {text}")

@@ -132,5 +132,7 @@ def _function_in(loaded: Any, name: str) -> Any:
     functions = [member for member in members if hasattr(member, "declared")]
     named = [function for function in functions if function.name == name] or functions
     if len(named) != 1:
-        raise PackageError("it does not name a function with the decorator msb.cli.command.command")
+        raise PackageError(
+            "the entry point does not name a function with the decorator msb.cli.command.command"
+        )
     return named[0]

@@ -156,7 +156,7 @@ class Output:
 
         console = self.console()
         if whole and not console.is_terminal:
-            console.width = 10_000  # wider than any table
+            console.width = 10_000  # wider than every table
         rows = list(rows)
         names = headers or [""] * len(rows[0])
         table = plain_table(*names, right=tuple(right), gap=gap)
@@ -174,7 +174,8 @@ class Output:
     def line(self, *parts: Cell) -> None:
         """Print texts in their styles on one line.
 
-        Only the terminal wraps the line, so that users can copy a path in it.
+        Do not wrap the line, so that users can copy a path from the line. Only the terminal may wrap the
+        line.
         """
         from rich.text import Text
 
@@ -318,7 +319,7 @@ class Output:
         if taken and not self.may_replace(path):
             if not folder and is_folder(path):
                 check_place(path)  # a folder cannot be replaced, even with --force
-            raise UsageError("OUTPUT_EXISTS", f"it exists; {self._remedy}", file=path)
+            raise UsageError("OUTPUT_EXISTS", f"the path exists; {self._remedy}", file=path)
         check_place(path, folder=folder)
         if not is_stream(path):
             place = os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118 - a link is replaced
@@ -336,7 +337,7 @@ class Output:
         unless one of these files is an input.
         """
         if folder_is_taken(folder) and not (self.force if replace is None else replace):
-            raise UsageError("OUTPUT_EXISTS", f"it exists; {self._remedy}", file=folder)
+            raise UsageError("OUTPUT_EXISTS", f"the path exists; {self._remedy}", file=folder)
         check_own_folder(folder)
         self._check_apart(folder)
         files = [folder / name for name in listed_files(folder) or ()]
@@ -350,7 +351,7 @@ class Output:
 
     def _check_apart(self, path: Path) -> None:
         if not is_stream(path) and _identity(path) in self._inputs:
-            raise UsageError("USAGE", "it is an input; write the output to another file", file=path)
+            raise UsageError("USAGE", "the path is an input; write the output to another file", file=path)
 
     def reword(self, error: MsbError) -> None:
         """Replace the parameter `overwrite` in the message of an error by the option --force."""
@@ -419,7 +420,7 @@ def _identity(path: Path) -> object:
     """Return a key that is equal for all paths of one file: its inode, or the path of a new file."""
     try:
         status = path.stat()
-    except (OSError, ValueError):  # the file does not exist, or its name is impossible
+    except (OSError, ValueError):  # the file does not exist, or its name is invalid
         return real_place(path)
     return status.st_dev, status.st_ino
 
@@ -513,7 +514,7 @@ def _check_log(path: Path) -> None:
     with contextlib.suppress(FileNotFoundError), path.open("rb") as file:
         begin = file.read(_LOG_BEGINS_WITHIN)
         if begin and not _LOG_BEGINS.match(begin):
-            text = "it exists and is not a log of msb; name another file"
+            text = "the file exists and is not a log of msb; name another file"
             raise UsageError("OUTPUT_EXISTS", f"--log-file: {text}", file=path)
 
 

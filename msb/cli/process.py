@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # Exit status of a bug in this program: EX_SOFTWARE of sysexits.h.
 _INTERNAL = 70
-# Packages of this project. The package folder of a capability can be missing in an installation.
+# Packages of this project. An installation can leave out some packages.
 _OURS = {"msb", "msb_viewers"}
 _NOT_READABLE = {errno.EACCES, errno.EPERM, errno.ENAMETOOLONG}
 
@@ -62,8 +62,8 @@ def _run(app: typer.Typer, name: str) -> int:
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     except (BrokenPipeError, SystemExit) as error:
-        # The reader of a pipe ended, as in `| head`. The end of a pipe is not an error, but typer and rich
-        # exit with 1.
+        # The program that reads the pipe has ended, as in `| head`. This is not an error. Typer and rich
+        # would exit with status 1.
         if not isinstance(error.__context__ if isinstance(error, SystemExit) else error, BrokenPipeError):
             raise
         silence(sys.stdout)

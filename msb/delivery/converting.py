@@ -76,7 +76,7 @@ def convert(
     engine: Engine | None = None,
     official: bool = False,
 ) -> Converted:
-    """Convert a model or mesh to the format of the suffix of `target`, as `msb convert` does.
+    """Convert a model or mesh. The suffix of `target` sets the format, as in `msb convert`.
 
     Vertices and faces, their order and colours are kept as far as the format allows. A mesh file keeps the
     precision of its coordinates, unless the format of the output has only float32. If an error occurs, no

@@ -1,4 +1,4 @@
-"""Writes an asset to a file in the format of its suffix."""
+"""Writes an asset to a file. The suffix of the file sets the format."""
 
 import os
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ def save(
     engine: Engine | None = None,
     progress: Progress | None = None,
 ) -> None:
-    """Write `asset` to a file in the format of its suffix. If an error occurs, no file is written.
+    """Write `asset` to a file. The suffix of `path` sets the format. If an error occurs, no file is written.
 
     Parameters
     ----------

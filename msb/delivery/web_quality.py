@@ -55,7 +55,7 @@ class ImageLoss:
     cameras: list[Camera]
     views: str
     why_not: str | None = None
-    # The images of `mesh`, as a list of (H, W, 3) for each number of samples per pixel along each axis.
+    # Cached images (H, W, 3) of `mesh`. The key is the number of samples per pixel along each axis.
     _images: dict[int, list[NDArray[np.float32]]] = field(default_factory=dict, repr=False)
 
     @classmethod

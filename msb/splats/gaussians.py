@@ -65,7 +65,7 @@ def damaged(text: str) -> CheckpointError:
 def check_count(count: int) -> None:
     """Reject a file without Gaussians."""
     if count < 1:
-        raise CheckpointError("CHECKPOINT_LAYOUT", "it contains no Gaussians")
+        raise CheckpointError("CHECKPOINT_LAYOUT", "the file contains no Gaussians")
 
 
 def to_logit(opacity: Reals) -> NDArray[np.float32]:
@@ -99,8 +99,8 @@ def expand_quaternions(largest: NDArray[np.integer[Any]], others: Reals) -> Real
 
 
 def turn_about_x(gaussians: Gaussians) -> Gaussians:
-    """Return the Gaussians rotated by half a turn about x. This converts the frame x right, y up, z back to
-    our frame and vice versa.
+    """Return the Gaussians rotated by half a turn about x. This rotation converts between our frame and the
+    frame x right, y up, z back.
 
     The function negates y and z of the means and of the quaternions. It also negates the SH coefficients of
     each basis function that changes its sign under the rotation.

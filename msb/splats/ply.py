@@ -117,7 +117,7 @@ def _read_rest(table: Table) -> NDArray[np.float32] | None:
     count = sum(name.startswith("f_rest_") for name in table.names)
     if count % 3 or count // 3 not in DEGREES:
         valid = ", ".join(str(3 * number) for number in DEGREES)
-        text = f"it has {count} properties f_rest; the SH degrees 0 to 4 need {valid} properties"
+        text = f"the file has {count} properties f_rest; the SH degrees 0 to 4 need {valid} properties"
         raise CheckpointError("CHECKPOINT_LAYOUT", text, pointer="f_rest_0")
     if not count:
         return None
@@ -141,7 +141,7 @@ def _read_packed(vertex: Table, tables: Mapping[str, Table]) -> Gaussians:
     256 rows."""
     chunks = tables.get("chunk")
     if chunks is None or chunks.count < -(-vertex.count // _CHUNK_ROWS):
-        text = f"it has {0 if chunks is None else chunks.count} chunks for {vertex.count} Gaussians; "
+        text = f"the file has {0 if chunks is None else chunks.count} chunks for {vertex.count} Gaussians; "
         raise damaged(f"{text}one chunk is needed for {_CHUNK_ROWS} Gaussians")
     number = np.arange(vertex.count) // _CHUNK_ROWS
 
@@ -193,7 +193,7 @@ def _read_packed_rest(table: Table | None, count: int) -> NDArray[np.float32] | 
     if table is None or not table.names:
         return None
     if table.count != count:
-        raise damaged(f"it has {table.count} rows of SH for {count} Gaussians")
+        raise damaged(f"the file has {table.count} rows of SH for {count} Gaussians")
     level = _read_rest(table)
     if level is None:
         return None

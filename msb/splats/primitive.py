@@ -61,7 +61,7 @@ def _make_stand_ins(gaussians: Gaussians) -> NDArray[np.float32]:
         with np.errstate(over="ignore", invalid="ignore"):
             deviation = np.exp(gaussians.scale[part].astype(np.float64))
             axes = rotation_matrices(gaussians.rotation[part].astype(np.float64))
-            # Arms (n, 3, 2): the two longer axes as vectors with the length of one standard deviation.
+            # The two longer axes (n, 3, 2). The length of each axis is one standard deviation.
             longest = np.argsort(-deviation, axis=1, kind="stable")[:, :2]
             length = np.take_along_axis(deviation, longest, axis=1)
             arms = np.take_along_axis(axes, longest[:, None, :], axis=2) * length[:, None, :]
@@ -89,7 +89,7 @@ def rotation_matrices(quaternions: Reals) -> Reals:
 
 
 def activate(asset: Asset, axes: int, real: type[Any] = np.float32) -> Activated:
-    """Return the activated parameters of an asset's Gaussians, computed in the type `real`.
+    """Return the activated parameters of an asset's Gaussians; `real` is the type of the numbers.
 
     The number `axes` is 3, or 2 for flat discs.
 

@@ -18,7 +18,7 @@ def read(data: memoryview) -> Gaussians:
     CHECKPOINT_LAYOUT: the file is empty.
     """
     if len(data) % _ROW.itemsize:
-        raise damaged(f"it has {len(data)} bytes; a .splat file has {_ROW.itemsize} for each Gaussian")
+        raise damaged(f"the file has {len(data)} bytes; a .splat file has {_ROW.itemsize} for each Gaussian")
     check_count(len(data))
     rows = np.frombuffer(data, _ROW)
     rotation = (rows["rotation"].astype(np.float32) - 128) / np.float32(128)

@@ -111,7 +111,8 @@ class _Model:
         return np.array(values, np.float64)
 
     def between(self, name: str, shares: Reals) -> Reals:
-        """Return values between "mins" and "maxs" of a part, for fractions (..., channels) in [0, 1]."""
+        """Interpolate between "mins" and "maxs" of a part; `shares` (..., channels) are fractions in [0,
+        1]."""
         channels = shares.shape[-1]
         low, high = (self.numbers(name, key, channels)[:channels] for key in ("mins", "maxs"))
         return low + (high - low) * shares

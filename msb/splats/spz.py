@@ -80,7 +80,7 @@ def read(data: memoryview) -> Gaussians:
             size = _check_size(header, limit)
             body = stream.decompress(stream.unconsumed_tail, size)
         except zlib.error as error:
-            raise damaged(f"it cannot be decompressed: {shorten(str(error))}") from None
+            raise damaged(f"the file cannot be decompressed: {shorten(str(error))}") from None
     else:
         header = _parse_header(bytes(data[: _HEADER.size]))
         if header.version < _FIRST_ZSTD:
@@ -88,16 +88,16 @@ def read(data: memoryview) -> Gaussians:
         size = _check_size(header, limit)
         body = _decompress_streams(data, header)
     if len(body) < size:
-        raise damaged(f"it has {len(body)} bytes for {header.count} Gaussians, which need {size}")
+        raise damaged(f"the file has {len(body)} bytes for {header.count} Gaussians, which need {size}")
     return turn_about_x(_decode(header, body))
 
 
 def _parse_header(data: bytes) -> _Header:
     if len(data) < _HEADER.size:
-        raise damaged(f"it ends in its header of {_HEADER.size} bytes")
+        raise damaged(f"the file ends in its header of {_HEADER.size} bytes")
     header = _Header(*_HEADER.unpack(data))
     if header.magic != _MAGIC:
-        raise damaged("it does not begin with the signature of an .spz file")
+        raise damaged("the file does not begin with the signature of an .spz file")
     if not 1 <= header.version <= _NEWEST or header.degree > 4:
         text = f"version {header.version} with SH degree {header.degree} is not supported; "
         text += f"versions 1 to {_NEWEST} with degrees 0 to 4 are"
@@ -122,7 +122,7 @@ def _decompress_streams(data: memoryview, header: _Header) -> bytes:
 
     end = _HEADER.size + _TABLE_OFFSET.size
     if len(data) < end or not 0 < header.streams <= _MAX_STREAMS:
-        raise damaged(f"it declares {header.streams} streams; 1 to {_MAX_STREAMS} are valid")
+        raise damaged(f"the file declares {header.streams} streams; 1 to {_MAX_STREAMS} are valid")
     (table,) = _TABLE_OFFSET.unpack_from(data, _HEADER.size)
     at = table + header.streams * _ENTRY.size
     if at > len(data):

@@ -11,12 +11,12 @@ from msb_viewers.model import ViewModel
 
 # Vertical field of view in radians.
 FOV_Y = math.radians(30)
-# Angles of the first view in radians. The first view shows three sides of an object, none of them edge-on.
+# Angles of the first view in radians. The first view shows three sides of an object at oblique angles.
 AZIMUTH, ELEVATION = math.radians(35), math.radians(20)
-# Distance of the first view, as a multiple of the smallest distance at which the whole mesh is visible.
+# Distance of the first view. At distance 1 the whole mesh just fits into the view.
 _MARGIN = 1.04
-# Distance from an element, in radii of the faces around it. The faces around the element then fill about half
-# of the window.
+# Distance between the camera and an element. The unit is the radius of the faces around the element. The
+# faces around the element then fill about half of the window.
 _NEIGHBOURHOOD = 4.5
 
 
@@ -49,8 +49,8 @@ def up_vector(axis: str) -> NDArray[np.float64]:
 
 
 def default_pose(axis: str, aspect: float) -> Pose:
-    """Return the first view of a mesh. The unit sphere fills an area whose ratio of width to height is
-    `aspect`."""
+    """Return the first view of a mesh. The unit sphere fills an area; `aspect` is the width of this area
+    divided by its height."""
     up = up_vector(axis)
     # Compute the two other axes, so that (first, second, up) is a right-handed frame.
     first = np.roll(np.abs(up), 1)
@@ -88,8 +88,8 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
     normals = _normals(points[faces[nearby]].astype(np.float64))
     directions = np.concatenate([prefer[None], normals, -normals, sphere(48)])[:120]
     facing = np.abs(directions @ normals.T).mean(axis=1) if len(normals) else np.ones(len(directions))
-    # Cast rays from the centre and from points near the vertices, and count the faces that the rays hit,
-    # (m,).
+    # Cast rays from the centre and from points near the vertices. Count the hit faces for each of the m
+    # directions.
     spots = [target, *(target + 0.7 * (points[vertices].astype(np.float64) - target))]
     triangles = points[faces[blockers]].astype(np.float64)
     hidden = sum(_hits(triangles, spot, directions, distance) for spot in spots)
@@ -119,7 +119,8 @@ def component_pose(model: ViewModel, component: int, current: Pose, aspect: floa
 
 
 def _fitting_distance(aspect: float) -> float:
-    """Return the distance from which a sphere fills a window with this aspect, in radii of the sphere."""
+    """Return the distance at which a sphere fills a window with this aspect. The unit is the radius of the
+    sphere."""
     narrow = min(FOV_Y, 2 * math.atan(math.tan(FOV_Y / 2) * max(aspect, 0.1)))
     return _MARGIN / math.sin(narrow / 2)
 

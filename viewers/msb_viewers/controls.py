@@ -216,7 +216,7 @@ def _listen(target: Any, event: str, handler: Callable[[], bool]) -> None:
 
 
 def _free_name(name: str) -> Path:
-    """Return an unused file name in the current folder for a screenshot of the file `name`."""
+    """Return an unused file name in the current folder for a screenshot. The file name begins like `name`."""
     stem = Path(name).stem or "mesh"
     number = 1
     while (path := Path(f"{stem}_view_{number}.png")).exists():

@@ -119,7 +119,7 @@ def textured(
     from vtkmodules.vtkCommonDataModel import vtkImageData
     from vtkmodules.vtkRenderingCore import vtkTexture
 
-    # The surface with white or tinted corners, and texture coordinates.
+    # Create the surface with texture coordinates and corner colours; without tints, the corners are white.
     white = np.full((faces.size, 4), 255, np.uint8) if tint is None else tint
     actor = surface(points, faces, white, "corner")
     actor.GetMapper().GetInput().GetPointData().SetTCoords(_vtk(uvs.reshape(-1, 2)))

@@ -30,8 +30,7 @@ _SIDE = 640
 _CLOSER = 0.9
 # Dots per inch of the file.
 _DPI = 130
-# Lines and markers are enlarged by this factor, because each image of the figure is reduced to about 400
-# pixels.
+# Scale of lines and markers. Each image of the figure is later reduced to about 400 pixels.
 _BOOST = 1.4
 
 

@@ -32,8 +32,8 @@ def pick(
         return None
     direction = np.asarray(direction, np.float64)
     # Project the vertices along the ray onto a plane with two axes. If the ray hits a face, the face has
-    # vertices on both sides of the ray along each axis. The bit code of a vertex tells for each axis on which
-    # side of the ray the vertex is.
+    # vertices on both sides of the ray along each axis. Two bits for each vertex tell the side of the ray
+    # along the two axes.
     side = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
     side /= np.linalg.norm(side)
     frame = np.stack([side, np.cross(direction, side), direction], axis=1)

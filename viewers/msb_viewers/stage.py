@@ -94,7 +94,7 @@ class Stage:
     def _sync_layers(self, state: ViewState) -> None:
         """Create, show and hide the actors of the layers."""
         if state.through != self._through:
-            # Actors in the other renderer are drawn over the surface.
+            # Layers in the other renderer are drawn over the surface.
             self._through = state.through
             self._forget_layers(set(self._layers))
         self._forget_layers({kind for kind, entry in self._layers.items() if entry[0] != state.component})
@@ -247,9 +247,9 @@ def simplify(
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return the faces (f, 3) of a simplified mesh, and the original faces (f,) that give their colours.
 
-    The number of faces is `target` within a factor of two. The method is vertex clustering (Rossignac and
-    Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993). The function takes O(V +
-    F) time, and sorts at most 4 `target` faces.
+    The number of faces is between half of `target` and twice `target`. The method is vertex clustering
+    (Rossignac and Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993). The
+    function takes O(V + F) time, and sorts at most 4 `target` faces.
     """
     # If there are very many faces, use a random sample.
     sample = np.arange(len(faces))
@@ -260,8 +260,8 @@ def simplify(
     if len(some) == 0:
         return some, sample
     low, high = points[some].reshape(-1, 3).min(axis=0), points[some].reshape(-1, 3).max(axis=0)
-    # In a grid of n^3 cells, a surface intersects a small multiple of n^2 cells, with about four faces per
-    # cell.
+    # In a grid of n^3 cells, a surface intersects a small multiple of n^2 cells. Each of these cells contains
+    # about four faces.
     cells = max(int(np.sqrt(target / 4)), 8)
     size = max(float((high - low).max()) / cells, 1e-9)
     # Replace each vertex by the first vertex in its cell, (V,).

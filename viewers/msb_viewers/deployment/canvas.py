@@ -43,7 +43,8 @@ class Canvas:
         anchor: str = "la",
         room: float | None = None,
     ) -> float:
-        """Write a line of text, shortened in the middle if it is wider than `room`; return its width."""
+        """Write a line of text and return its width. A line that is wider than `room` is shortened in the
+        middle."""
         face = self.font(size, bold=bold)
         line = text if room is None else shorten_text(text, face, max(room, 1))
         self.draw.text((x, y), line, color, face, anchor=anchor)

@@ -35,8 +35,8 @@ from msb_viewers.sheet import write_png
 TURNTABLE = (8, 640, 480)
 
 Note = Callable[[str], None]
-# A context that counts the rendered views; it takes a title and a total, and yields a function to call
-# after each view.
+# A context manager that counts the rendered views. Its arguments are a title and a total. The context manager
+# yields a function to call after each view.
 Counted = Callable[[str, int], AbstractContextManager[Callable[[], None]]]
 
 
@@ -258,15 +258,15 @@ class Request:
         return Comparison(*content, self.device, self.baked)
 
     def _choose(self, asset: Asset) -> tuple[list[View], str]:
-        """Return the views for a model without a scene, and a description of the views; `up` sets the axis
-        of a turntable."""
+        """Return views for a model without a scene, and a description of the views. A turntable rotates about
+        the axis `up`."""
         chosen = choose_views(asset, device=self.device, kind=self.cameras.kind)
         if chosen.origin == "turntable":
             cameras = make_turntable(asset, *TURNTABLE, up=self.up)
             views = [View(f"view {index}", camera, why="") for index, camera in enumerate(cameras, 1)]
             return views, chosen.description
         views = views_at(chosen.cameras, chosen.place or Path(), None, None)
-        # Scale down large views of the training.
+        # Scale down large training views.
         sizes = [min(1.0, max(TURNTABLE[1:]) / max(view.camera.width, view.camera.height)) for view in views]
         return [
             replace(view, camera=view.camera.scaled(size)) for view, size in zip(views, sizes, strict=True)
@@ -285,7 +285,8 @@ def write(
     size: tuple[int, int],
     counted: Counted = _uncounted,
 ) -> Compared:
-    """Render the views, and write the page and the image of the first view if their paths are set."""
+    """Render the views. Write the page and the image of the first view, if the paths of these files are
+    set."""
     scene = state.comparison
     only_first = html is None and screenshot is not None
     views = scene.views[:1] if only_first else scene.views
@@ -314,7 +315,7 @@ def write(
 
 
 def _read_decibels(values: Mapping[str, float | str]) -> dict[tuple[str, str], float]:
-    """Return the PSNR in dB of each pair of tiers. In the page each pair of tiers is one text."""
+    """Return the PSNR in dB of each pair of tiers. The page joins the two names of a pair in one text."""
     pairs = {}
     for names, value in values.items():
         a, b = names.split()
