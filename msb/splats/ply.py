@@ -178,8 +178,8 @@ def _words(table: Table, name: str) -> NDArray[np.uint32]:
 
 
 def _split_bits(words: NDArray[np.uint32], *widths: int) -> Reals:
-    """Return the bit fields of `words` (N,), highest bits first, as fractions (N, parts) of their largest
-    value."""
+    """Split the bit fields of `words` (N,), highest bits first. Return each field as a fraction of its
+    largest value, (N, parts)."""
     shifts = np.cumsum(widths[::-1])[::-1] - widths
     parts = [
         ((words >> np.uint32(shift)) & np.uint32((1 << width) - 1)) / ((1 << width) - 1)

@@ -32,7 +32,7 @@ class Activated(NamedTuple):
 def make_buffers(gaussians: Gaussians) -> dict[str, NDArray[Any]]:
     """Return the buffers of an asset: the stored parameters, and a placeholder triangle per Gaussian.
 
-    All buffers except `positions` and `indices` belong to faces.
+    Each buffer except `positions` and `indices` has one row for each face.
     """
     count = len(gaussians.mean)
     buffers: dict[str, NDArray[Any]] = {

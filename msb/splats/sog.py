@@ -125,7 +125,8 @@ class _Model:
         return values
 
     def rest(self) -> Reals | None:
-        """Return f_rest (N, K, 3), or None without SH; each Gaussian has the index of a palette entry."""
+        """Return f_rest (N, K, 3), or None without SH. Each Gaussian stores the index of its palette
+        entry."""
         if "shN" not in self.meta:
             return None
         palette = self.image("shN", 0)[:, :, :3]

@@ -1,8 +1,8 @@
 """Read Gaussians from an `.spz` file (nianticlabs/spz at 21715c3), versions 1 to 4.
 
-Versions 1 to 3 are one gzip stream: a header of 16 bytes, then a column for each parameter. Version 4 has
-an uncompressed header of 32 bytes, and each column as a Zstandard stream. The frame of the file is x right,
-y up, z back.
+Versions 1 to 3 are one gzip stream: a header of 16 bytes, then a column for each parameter. Version 4 has an
+uncompressed header of 32 bytes. Each column of parameters is a Zstandard stream. The frame of the file is x
+right, y up, z back.
 """
 
 import struct
@@ -51,7 +51,7 @@ class _Header:
 
     @property
     def widths(self) -> dict[str, int]:
-        """Bytes of each parameter per Gaussian, in the order of the file."""
+        """Number of bytes of each parameter per Gaussian. The order is the order of the file."""
         return {
             "mean": 6 if self.version == 1 else 9,
             "opacity": 1,
@@ -107,7 +107,7 @@ def _parse_header(data: bytes) -> _Header:
 
 
 def _check_size(header: _Header, limit: int) -> int:
-    """Return the size of all columns in bytes, after comparing this size with the memory limit."""
+    """Return the size of all columns in bytes. Raise an error if the size exceeds the memory limit."""
     size = header.count * sum(header.widths.values())
     if size > limit:
         text = f"its header declares {header.count} Gaussians with {size} bytes, too many for its size"

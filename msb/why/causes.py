@@ -150,7 +150,7 @@ def _with_buffers(asset: Asset, **buffers: NDArray[Any]) -> Asset:
 
 
 def _draw_exporter(views: CauseViews) -> _Pair:
-    """Compare the mesh of the method's official exporter with ours."""
+    """Compare the mesh of the method's official exporter with the mesh of msb."""
     ours = views.standard.frames
     try:
         exporter = official_exporter(views.asset.manifest.method)

@@ -61,7 +61,7 @@ def _finite(db: float | None) -> float | None:
 
 
 def measure_total(views: CauseViews, losses: Mapping[str, float | None]) -> Total:
-    """Return the loss of the standard-tier mesh. `losses` has the PSNR in dB of each cause alone."""
+    """Return the loss of the standard-tier mesh. `losses` contains the PSNR in dB for each single cause."""
     try:
         native, standard = views.native, views.standard
     except DoesNotApplyError as error:

@@ -70,7 +70,7 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
     """
     if not bool(model.finite(vertices[None])[0]):
         return None
-    # Find the faces at the element, their radius, and the distance of the camera.
+    # Find the faces at the element and their radius, and compute the camera distance.
     points, faces = model.points, model.faces
     target = points[vertices].astype(np.float64).mean(axis=0)
     touching = np.zeros(len(points), bool)
@@ -145,7 +145,8 @@ def _hits(
     directions: NDArray[np.float64],
     reach: float,
 ) -> NDArray[Any]:
-    """Return the number of triangles (n, 3, 3) that each of m rays hits, for unit directions (m, 3).
+    """Cast m rays in unit directions (m, 3). Return for each ray the number of triangles (n, 3, 3) that it
+    hits.
 
     Rays start at `origin` and have the length `reach`.
     """

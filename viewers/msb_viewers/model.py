@@ -134,7 +134,8 @@ class ViewModel:
         return visible
 
     def positions(self, kind: str, *, component: int | None = None) -> NDArray[np.float32]:
-        """Return the vertex positions (n, k, 3) of a layer's drawable elements, in one or all components."""
+        """Return the vertex positions (n, k, 3) of the elements of a layer that can be drawn. The elements
+        are in one or all components."""
         return np.asarray(self.points[self.layers[kind].vertices[self.rows(kind, component)]])
 
     def rows(self, kind: str, component: int | None = None) -> NDArray[Any]:
@@ -199,7 +200,7 @@ class ViewModel:
 def build_model(
     mesh: ViewedMesh, audit: Audit, analysis: Analysis, stored: Analysis | None = None
 ) -> ViewModel:
-    """Return the data of a view of `mesh`, with its `audit` and `analysis` from `audit_arrays`.
+    """Return the data of a view of `mesh`. `audit` and `analysis` are the results of `audit_arrays`.
 
     If the seams of `mesh` are merged (`merge_seams`), `stored` is the analysis of the mesh in the file.
 

@@ -245,7 +245,8 @@ def face_budget(faces: int, seconds: float) -> int | None:
 def simplify(
     points: NDArray[np.float32], faces: NDArray[Any], target: int = _MOST_FACES
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the faces (f, 3) of a simplified mesh, and the original faces (f,) that give their colours.
+    """Return the faces (f, 3) of a simplified mesh. The second result (f,) lists the original faces from
+    which these faces take their colours.
 
     The number of faces is between half of `target` and twice `target`. The method is vertex clustering
     (Rossignac and Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993). The

@@ -37,7 +37,7 @@ MOST_REFERENCE_FACES = 200_000
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """The result of a tier for a camera: the image (H, W, 3), or the reason `why` the image is missing.
+    """The image (H, W, 3) of a tier for a camera. If the image is missing, `why` is the reason.
 
     The image has the same pixels as the output of `msb render`. `milliseconds` is the time on the device
     without reading back, or the run time of NumPy. `nbytes` is the device memory of the tier. `where` is the
