@@ -37,8 +37,8 @@ from msb.scenes.sets import check_cameras
 # Maximum number of training cameras to use. The cameras are spread evenly over all training cameras. The
 # limit bounds the computing time.
 MAX_TRAINING_VIEWS = 12
-# If outside views see less than this share of the area, inside views are also tried. The same limit applies
-# to inside views.
+# If outside views see less than this share of the area, inside views are also tried. If inside views see less
+# than this share, outside views are also tried.
 MIN_SEEN_SHARE = 0.8
 # Number of outside views, and of inside views, that measure the visible area. The views are spread evenly.
 _MEASURED_VIEWS = 12
@@ -51,8 +51,9 @@ _TESTED_FACES = 4000
 # consistent and front sides point inwards. If this share is below 1/3, the winding is consistent and front
 # sides point outwards. For faces with random winding, the share is 1/2.
 _BEHIND_SHARE = 2 / 3
-# Limits of this share when inside views are compared with outside views. These limits are less strict.
-# Measured shares are 0.3 for a diorama, 0.66 for a room, and 0.49 to 0.55 for captures with random winding.
+# Limits of this share when inside views are compared with outside views. The limits are less strict than the
+# limits above. Measured shares are 0.3 for a diorama, 0.66 for a room, and 0.49 to 0.55 for captures with
+# random winding.
 _OUTWARD_SHARE, _INWARD_SHARE = 0.4, 0.6
 # A face is visible if the depth of its centre is at most this factor times the depth map's value. The
 # tolerance is needed because the face centre and the pixel centre differ.
@@ -313,8 +314,8 @@ def _measure_seen_areas(
     """Return the shares of the area visible from outside and from inside, and the winding.
 
     The winding is the share of visible faces that outside cameras see from behind. If the winding is
-    consistent, only front sides count as visible. If no renderer can measure the visible areas, both shares
-    are 1.
+    consistent, only front sides count as visible. If no renderer can measure the visible areas, the function
+    returns 1 for both shares.
     """
     if why_not(asset.manifest, "standard") is not None:
         return 1.0, 1.0, 0.5

@@ -4,8 +4,8 @@ A function that is decorated with `command` has parameters of these kinds:
 
 - A dataclass. The dataclass fields with an `Option` become options, and the function receives an object of
   the dataclass. With ``Annotated[Views, ("cameras", "size")]`` only the fields `cameras` and `size` become
-  options. All other fields keep their defaults. The class `Output` is such a dataclass. If the function takes
-  an `Output`, all paths are checked before the function runs.
+  options. All other fields keep their defaults. The class `Output` is also a dataclass of options. If the
+  function takes an `Output`, all paths are checked before the function runs.
 - Other parameters with an annotation `Argument` or `Option`.
 - `Typed`, the parameters that the user gave on the command line.
 
@@ -143,8 +143,8 @@ class Command(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the words. An empty word, as from an unset shell variable, is an error."""
-        # Some commands pass their words to another program, which may accept empty words. These commands have
-        # no interspersed options.
+        # Some commands pass their words to another program, which may accept empty words. Only commands
+        # without interspersed options do this.
         checks = ctx.allow_interspersed_args and not ctx.resilient_parsing
         if checks and any(_EMPTY.fullmatch(word) for word in args):
             ctx.fail("an argument or the value of an option is empty; use . for the current folder")

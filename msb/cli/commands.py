@@ -114,8 +114,8 @@ def _missing_package(module: str) -> str:
     parts = module.split(".")
     package = parts[0] if parts[0] != "msb" else ".".join(parts[:2])
     spec = find_spec(package)
-    # After the removal of a package, its folder can still contain compiled files. Python then finds a
-    # package without an origin, and imports it as empty.
+    # After the removal of a package, its folder can still contain compiled files. Python imports a folder
+    # without an origin as an empty package.
     return "" if spec is not None and spec.origin is not None else package
 
 

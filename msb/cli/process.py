@@ -62,8 +62,8 @@ def _run(app: typer.Typer, name: str) -> int:
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     except (BrokenPipeError, SystemExit) as error:
-        # The program that reads the pipe has ended, as in `| head`. This is not an error. Typer and rich
-        # would exit with status 1.
+        # The program that reads the pipe has ended, as in `| head`. The end of a pipe is not an error. Typer
+        # and rich would exit with status 1.
         if not isinstance(error.__context__ if isinstance(error, SystemExit) else error, BrokenPipeError):
             raise
         silence(sys.stdout)
@@ -121,7 +121,7 @@ def _ending_on_signals() -> Iterator[None]:
 def _open_closed_streams() -> None:
     """Open closed standard streams on the null device.
 
-    Otherwise the next opened file would get the number of a standard stream.
+    Otherwise the next opened file would become a standard stream.
     """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:

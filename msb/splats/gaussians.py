@@ -88,7 +88,8 @@ def expand_quaternions(largest: NDArray[np.integer[Any]], others: Reals) -> Real
     """Return quaternions (N, 4) from their three smallest components.
 
     `others` (N, 3) contains the three stored components in ascending order of their numbers. The component
-    with the number `largest` (N,) is not stored. This component is positive, and the quaternion has length 1.
+    with the number `largest` (N,) is not stored. The missing component is positive, and the quaternion has
+    length 1.
     """
     rotation = np.zeros((len(others), 4))
     columns = np.array([[k for k in range(4) if k != left_out] for left_out in range(4)])
@@ -102,8 +103,8 @@ def turn_about_x(gaussians: Gaussians) -> Gaussians:
     """Return the Gaussians rotated by half a turn about x. This rotation converts between our frame and the
     frame x right, y up, z back.
 
-    The function negates y and z of the means and of the quaternions. It also negates the SH coefficients of
-    each basis function that changes its sign under the rotation.
+    The function negates y and z of the means and of the quaternions. The function also negates the SH
+    coefficients of each basis function that changes its sign under the rotation.
     """
     flip = np.array([1, -1, -1], np.float32)
     f_rest = gaussians.f_rest

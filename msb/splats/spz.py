@@ -181,7 +181,7 @@ def _decode_means(header: _Header, column: NDArray[np.uint8]) -> NDArray[np.floa
 
 def _decode_rotations(header: _Header, column: NDArray[np.uint8]) -> Reals:
     """Return quaternions (N, 4) w, x, y, z. Before version 3 the file stores x, y and z as bytes.
-    From version 3 on it stores the three smallest components."""
+    From version 3 on, the file stores the three smallest components."""
     if header.version < 3:
         xyz = column / 127.5 - 1
         w = np.sqrt(np.maximum(0, 1 - np.square(xyz).sum(axis=1)))

@@ -41,10 +41,10 @@ def why(
 
     The asset is rendered with and without each cause. All other settings stay unchanged. Differences are
     clearly visible below 30 dB and invisible above 40 dB. The last lines compare the standard-tier mesh with
-    the native rendering. This comparison measures the loss of all causes together. The report also separates
-    the loss that engine settings can avoid from the loss that needs a bake. Without --cameras the training
-    cameras beside the asset are used. If the asset has no training cameras, cameras around the asset are
-    used.
+    the native rendering. This comparison with the native rendering measures the loss of all causes together.
+    The report also separates the loss that engine settings can avoid from the loss that needs a bake. Without
+    --cameras the training cameras beside the asset are used. If the asset has no training cameras, cameras
+    around the asset are used.
     """
     from msb.api.command_files import open_asset
     from msb.errors import about

@@ -56,8 +56,8 @@ class CauseViews:
     chosen : msb.views.ChosenViews
         The cameras that see the asset.
     samples : dict
-        The samples per pixel along each axis, by the name of the native renderer's setting. The mapping is
-        empty if the renderer takes one sample per pixel.
+        The samples per pixel along each axis, by the name of the native renderer's setting. If the renderer
+        takes one sample per pixel, `samples` is empty.
     """
 
     def __init__(

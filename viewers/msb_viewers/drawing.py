@@ -43,7 +43,7 @@ _TEXEL = """
   gl_FragData[0] = vec4(mix(12.92 * light, curve, step(0.0031308, light)), 1.0);
 """
 _WRAP_CODE = {
-    # GLSL code that wraps the texture coordinate {c}. This code is needed if u and v wrap differently,
+    # GLSL code that wraps the texture coordinate {c}. The code is needed if u and v wrap differently,
     # because VTK has a single wrap mode for both coordinates. {rim} is half a texel.
     "repeat": "",
     "mirror": "place.{c} = clamp(1.0 - abs(mod(place.{c}, 2.0) - 1.0), {rim}, 1.0 - {rim}); ",

@@ -43,7 +43,7 @@ class Column:
     kinds: tuple[str, ...]
     # The colouring of the mesh.
     coloring: str
-    # The text that replaces the close-up if the mesh has no such element.
+    # The text that replaces the close-up if the mesh has no element of this kind.
     nothing: str
 
 

@@ -134,8 +134,8 @@ class ViewModel:
         return visible
 
     def positions(self, kind: str, *, component: int | None = None) -> NDArray[np.float32]:
-        """Return the vertex positions (n, k, 3) of the elements of a layer that can be drawn. The elements
-        are in one or all components."""
+        """Return the vertex positions (n, k, 3) of the elements of a layer that can be drawn. `component`
+        selects one component; None selects all components."""
         return np.asarray(self.points[self.layers[kind].vertices[self.rows(kind, component)]])
 
     def rows(self, kind: str, component: int | None = None) -> NDArray[Any]:
@@ -152,7 +152,7 @@ class ViewModel:
         if layer.style.of == "face":
             return np.asarray(inside[layer.numbers])
         if layer.style.of == "edge":
-            # All faces at an edge belong to one component. Use the first face of the edge.
+            # All faces at an edge belong to the same component. Use the first face of the edge.
             mesh = self.analysis.mesh
             return np.asarray(inside[mesh.edge_halfedges[mesh.edge_offsets[layer.numbers]] // 3])
         marked = np.zeros(len(self.points), bool)
@@ -269,8 +269,8 @@ def frame_vertices(
 
     The sphere is computed from the `vertices` (V, 3) for which `use` (V,) is true. Usually the sphere is
     centred in the bounding box of these vertices and contains all of them. A few distant vertices, such as an
-    outdoor background, can make the sphere very large. In this case the sphere contains only 95 % of the
-    vertices.
+    outdoor background, can make the sphere very large. If there are distant vertices, the sphere contains
+    only 95 % of the vertices.
     """
     # Compute the sphere of all vertices.
     rows = np.flatnonzero(use)

@@ -32,8 +32,8 @@ class Stage:
     """The actors of a model. Actors (VTK objects to draw) are created when needed, and kept as long as they
     are valid.
 
-    `seconds` is the time of the last full frame. If this time is too long, simplified meshes are drawn while
-    the view is `moving`.
+    `seconds` is the time of the last full frame. If the last full frame took too long, simplified meshes are
+    drawn while the view is `moving`.
 
     `boost` enlarges lines and markers for images that are printed small.
     """

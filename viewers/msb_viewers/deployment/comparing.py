@@ -35,8 +35,8 @@ from msb_viewers.sheet import write_png
 TURNTABLE = (8, 640, 480)
 
 Note = Callable[[str], None]
-# A context manager that counts the rendered views. Its arguments are a title and a total. The context manager
-# yields a function to call after each view.
+# A context manager that counts the rendered views. The arguments of the context manager are a title and a
+# total. The context manager yields a function to call after each view.
 Counted = Callable[[str, int], AbstractContextManager[Callable[[], None]]]
 
 
