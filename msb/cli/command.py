@@ -6,7 +6,9 @@ A function that is decorated with `command` has parameters of these kinds:
   the dataclass. With ``Annotated[Views, ("cameras", "size")]`` only the fields `cameras` and `size` become
   options. All other fields keep their defaults. The class `Output` is also a dataclass of options. If the
   function takes an `Output`, all paths are checked before the function runs.
+
 - Other parameters with an annotation `Argument` or `Option`.
+
 - `Typed`, the parameters that the user gave on the command line.
 
 A parameter of type Path is an input, unless the `output` of its `Option` is set.

@@ -35,8 +35,8 @@ class ConvertOptions:
         UpDirection | None,
         Option(
             "Axis or direction that points up in IN. In a mesh file, this direction is rotated to +y. "
-            "In COLMAP scenes it is about -y. Default: no rotation; for .glb and USD the up axis of IN, "
-            "if known.",
+            "In COLMAP scenes this direction is about -y. Default: no rotation; for .glb and USD the up axis "
+            "of IN, if known.",
             metavar="AXIS|X,Y,Z",
         ),
     ] = None

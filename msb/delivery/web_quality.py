@@ -6,9 +6,11 @@ of independent steps add up approximately. Therefore the search measures each co
 distributes the error that 50 dB allow:
 
 1. Measure the error of the compressed textures.
+
 2. For each precision of the colours, measure the error of the colours. Subtract the errors of textures and
 colours from the allowed error. By bisection, find the smallest number of position bits with at most the
 remaining error.
+
 3. Use the combination with the smallest file. Finally adjust the number of position bits until the whole file
 has at least 50 dB.
 """

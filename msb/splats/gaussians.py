@@ -148,10 +148,10 @@ def transform(gaussians: Gaussians, rotation: Reals, size: float, offset: Reals)
 
 
 def _to_quaternion(rotation: Reals) -> Reals:
-    """Return the quaternion (4,) w, x, y, z of a rotation matrix; it is the dominant eigenvector of a 4 x 4
-    matrix.
+    """Return the quaternion (4,) w, x, y, z of a rotation matrix.
 
-    The 4 x 4 matrix (Bar-Itzhack 2000) needs no special case for small w.
+    The quaternion is the dominant eigenvector of a 4 x 4 matrix (Bar-Itzhack 2000). This method needs no
+    special case for small w.
     """
     (a, b, c), (d, e, f), (g, h, i) = rotation
     matrix = np.array(

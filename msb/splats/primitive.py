@@ -112,8 +112,8 @@ def activate(asset: Asset, axes: int, real: type[Any] = np.float32) -> Activated
 
 
 def covariances(deviation: Reals, rotation: Reals) -> Reals:
-    """Return xx, xy, xz, yy, yz, zz (N, 6) of the covariance R S S R^T; each sum runs from the first axis
-    to the last."""
+    """Return the covariance R S S R^T as xx, xy, xz, yy, yz, zz (N, 6). Each sum runs from the first axis to
+    the last."""
     m = rotation * deviation[:, None, :]
     pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
     terms = [m[:, i] * m[:, j] for i, j in pairs]

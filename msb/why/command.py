@@ -158,8 +158,8 @@ def _describe_total(causes: Causes, quiet: bool) -> Iterator[str]:
         return
     sampled = "" if total.right == total.db else f" Supersampled as in training: {_format_db(total.right)}."
     yield (
-        "- This is not the sum of the causes above. It can be better than a single cause that is an engine "
-        f"setting.{sampled} With every engine setting wrong (lit, back faces culled, colours interpreted as "
+        "- The loss of the mesh is not the sum of the causes above. A single wrong engine setting can cost "
+        f"more.{sampled} With every engine setting wrong (lit, back faces culled, colours interpreted as "
         f"linear): {_format_db(total.wrong)}."
     )
     texts = {cause.name: f"{cause.title.lower()} ({_format_db(cause.db)})" for cause in causes}

@@ -43,8 +43,8 @@ class _StandardImages(NamedTuple):
     frames: list[Frame]
     # Without back faces.
     culled: list[Frame]
-    # Images with as many samples per pixel as the native renderer, or with 16 if the method has no native
-    # renderer.
+    # Images with the samples per pixel of the native renderer. Without a native renderer, an image has 16
+    # samples per pixel.
     supersampled: list[Image]
 
 

@@ -160,7 +160,8 @@ def _spread(directions: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _frame(triangles: NDArray[np.float64], part: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the axes (3, 3) of a view that shows all fans well; they point right, up and towards the camera.
+    """Return the axes (3, 3) of a view that shows all fans well. The rows point right, up and towards the
+    camera.
 
     `part` (n,) is the fan of each of the `triangles` (n, 3, 3).
     """

@@ -30,7 +30,7 @@ class CompareOptions:
     scene: Annotated[
         Path | None,
         Option(
-            "Show the test views of a dataset's scene, with image size, photographs and background as in "
+            "Show the test views of a dataset's scene. Image size, photographs and background are as in "
             "msb run. --camera train or all selects other views.",
             metavar="DIR",
         ),
