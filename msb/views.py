@@ -51,9 +51,8 @@ _TESTED_FACES = 4000
 # consistent and front sides point inwards. If this share is below 1/3, the winding is consistent and front
 # sides point outwards. For faces with random winding, the share is 1/2.
 _BEHIND_SHARE = 2 / 3
-# Limits of this share when inside views are compared with outside views. The limits are less strict than the
-# limits above. Measured shares are 0.3 for a diorama, 0.66 for a room, and 0.49 to 0.55 for captures with
-# random winding.
+# Less strict limits of this share, which decide between inside and outside views. Measured shares are 0.3 for
+# a diorama, 0.66 for a room, and 0.49 to 0.55 for captures with random winding.
 _OUTWARD_SHARE, _INWARD_SHARE = 0.4, 0.6
 # A face is visible if the depth of its centre is at most this factor times the depth map's value. The
 # tolerance is needed because the face centre and the pixel centre differ.
@@ -279,7 +278,7 @@ def generate_views(
     if is_capture:
         why = "large faces surround most of the model"
     elif _is_interior(asset, outside, within, device):
-        why = "most of its faces are hidden from outside or seen from behind"
+        why = "most faces are hidden from outside or visible from behind"
     # Use the other kind of views if the chosen views see little of the area and the other views see more.
     from_inside = bool(why)
     seen_outside, seen_within, behind = _measure_seen_areas(asset, outside, within, device)

@@ -3,7 +3,7 @@
 A GLB for the web stores quantised positions, quantised colours and compressed textures. Quantised positions,
 quantised colours and compressed textures each add an error to the images of the mesh. The mean squared errors
 of independent steps add up approximately. Therefore the search measures each compression step separately, and
-distributes the error that 50 dB allow:
+divides the error that a PSNR of 50 dB allows:
 
 1. Measure the error of the compressed textures.
 

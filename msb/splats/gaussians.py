@@ -35,7 +35,7 @@ class Gaussians:
     f_dc : (N, 3) float32
         SH coefficients of degree 0.
     f_rest : (N, K, 3) float32 or None
-        The remaining SH coefficients.
+        The SH coefficients of degree 1 and higher.
     antialiased : bool or None
         Whether the model was trained with compensated opacities; None if the file does not state this.
     notes : tuple of str

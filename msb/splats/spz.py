@@ -51,7 +51,7 @@ class _Header:
 
     @property
     def widths(self) -> dict[str, int]:
-        """Number of bytes of each parameter per Gaussian. The order is the order of the file."""
+        """Number of bytes of each parameter per Gaussian. The parameters are in the order of the file."""
         return {
             "mean": 6 if self.version == 1 else 9,
             "opacity": 1,
@@ -100,7 +100,7 @@ def _parse_header(data: bytes) -> _Header:
         raise damaged("the file does not begin with the signature of an .spz file")
     if not 1 <= header.version <= _NEWEST or header.degree > 4:
         text = f"version {header.version} with SH degree {header.degree} is not supported; "
-        text += f"versions 1 to {_NEWEST} with degrees 0 to 4 are"
+        text += f"use a file of version 1 to {_NEWEST} with degree 0 to 4"
         raise CheckpointError("CHECKPOINT_FORM", text)
     check_count(header.count)
     return header
@@ -175,7 +175,7 @@ def _decode_means(header: _Header, column: NDArray[np.uint8]) -> NDArray[np.floa
     if header.version == 1:
         return np.ascontiguousarray(column).view("<f2").astype(np.float32)
     low, middle, high = column.reshape(-1, 3, 3).astype(np.int32).transpose(2, 0, 1)
-    fixed = (low | middle << 8 | high << 16) << 8 >> 8  # these shifts extend the sign bit
+    fixed = (low | middle << 8 | high << 16) << 8 >> 8  # the two shifts extend the sign bit
     return np.ldexp(fixed.astype(np.float32), -header.fraction_bits)
 
 

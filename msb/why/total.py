@@ -46,7 +46,7 @@ class Total:
     bakes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the record for `msb why --json`. If images are equal, the number is null."""
+        """Return the record for `msb why --json`. If the images are equal, the PSNR is null."""
         return {
             "db": _finite(self.db),
             "equal": self.db is not None and self.db >= EQUAL,

@@ -50,7 +50,7 @@ class GlProbe:
 
     @classmethod
     def start(cls) -> GlProbe:
-        """Start the test whether VTK can draw."""
+        """Start the test of VTK."""
         need_extra("view", "pyvista", "vtkmodules", what="the viewer", instead="--html works without it")
         if sys.platform in ("win32", "darwin"):
             return cls(None)  # Windows and macOS contain OpenGL

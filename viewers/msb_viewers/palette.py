@@ -1,7 +1,7 @@
 """Colours, line styles and markers of all kinds of elements.
 
-The colours are from Okabe and Ito (M. Okabe and K. Ito, Color Universal Design, 2008), and can be
-distinguished with common kinds of colour blindness. Different kinds of elements never differ by colour alone.
+The colours are from Okabe and Ito (Color Universal Design, 2008). People with common kinds of colour
+blindness can distinguish these colours. Different kinds of elements never differ by colour alone.
 """
 
 from dataclasses import dataclass

@@ -15,7 +15,7 @@ from msb.topology.arrays import mesh_arrays
 from msb.topology.seams import Attributes, Seams, find_seams
 
 Domain = Literal["vertex", "face", "corner"]
-NO_COLOR = "its colours depend on the view direction; drawn in grey"
+NO_COLOR = "the colours depend on the view direction, so the mesh is grey"
 
 
 @dataclass(frozen=True, eq=False)

@@ -237,8 +237,8 @@ class Request:
         tiers, missing = choose_tiers(asset, views, self.tiers or None, baked=self.baked)
         if not self.tiers and "reference" not in tiers:
             text = (
-                f"{asset.manifest.face_count:,} faces take minutes per view; name this tier in --tiers to "
-                "include it"
+                f"{asset.manifest.face_count:,} faces take minutes per view; to include this tier, "
+                "name it in --tiers"
             )
             note(f"{name}: the reference tier is omitted: {text}")
         effective_settings(asset.manifest, self.settings)  # rejects invalid settings

@@ -58,7 +58,7 @@ def decibel_text(value: float) -> str:
 
 
 def resize(image: NDArray[Any], width: int, height: int) -> NDArray[Any]:
-    """Return an image, or squared differences, at another size."""
+    """Resize an image or an array of squared differences."""
     from PIL import Image
 
     if image.shape[:2] == (height, width):
