@@ -11,7 +11,7 @@ from typing import Any
 
 
 def _print_warning(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
-    """Print a warning of this project as one line, and other warnings as Python does."""
+    """Print a warning of this project as one line. Print other warnings in Python's format."""
     from msb.errors import one_line
 
     if category.__module__.startswith("msb."):

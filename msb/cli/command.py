@@ -49,7 +49,7 @@ class Everywhere:
 
 
 class Typed(dict[str, str]):
-    """The parameters given on the command line, each with its label, such as ``--size`` for ``size``."""
+    """The parameters given on the command line, and their labels, such as ``--size`` for ``size``."""
 
     def reject(self, names: Iterable[str], text: str) -> None:
         """Raise a UsageError if one of these parameters is given on the command line. The message consists of
@@ -144,7 +144,7 @@ class Command(TyperCommand):
     """A command of typer with a section for arguments in its help. Empty words are errors."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the words. An empty word, as from an unset shell variable, is an error."""
+        """Parse the words. Reject empty words, which can come from an unset shell variable."""
         # Some commands pass their words to another program, which may accept empty words. Only commands
         # without interspersed options do this.
         checks = ctx.allow_interspersed_args and not ctx.resilient_parsing
@@ -191,11 +191,12 @@ def command(
     Parameters
     ----------
     *examples : str
-        Command lines that run on the demo data. The examples end the help. name : str The name of the
-        command; by default the name of the function.
+        Command lines that run on the demo data. The help ends with the examples.
+    name : str
+        The name of the command; by default the name of the function.
     instead : mapping, optional
-        For each option that users try although the command lacks it, the text to write instead, for the
-        error. The text "{value}" is replaced by ":" and the given value, if a value was given.
+        The keys are options that users try, although the command lacks these options. The values are the
+        texts that the error suggests instead. In these texts, "{value}" is replaced by ":" and the given value.
     **settings
         Context settings of typer.
     """

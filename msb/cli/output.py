@@ -94,12 +94,12 @@ class Output:
 
     @property
     def shows_progress(self) -> bool:
-        """Whether progress bars are shown, which needs a terminal and a printed text result."""
+        """Whether progress bars are shown. Progress bars need a terminal and a printed text result."""
         return self.prints_text and not self.quiet and sys.stderr.isatty()
 
     @property
     def progress_lines(self) -> ProgressLines | None:
-        """The writer of progress lines, or None on a terminal and with --quiet."""
+        """The writer of progress lines; None on a terminal and with --quiet."""
         return None if self.quiet or sys.stderr.isatty() else self._progress_lines
 
     @contextlib.contextmanager
@@ -307,7 +307,7 @@ class Output:
     def check_free(
         self, path: Path | None, *, folder: bool = False, label: str = "a file next to the output"
     ) -> None:
-        """Reject an output that is also an input, that cannot be written, or that may not be replaced.
+        """Reject an output that is also an input, cannot be written, or may not be replaced.
 
         `label` names the option in the message about two outputs with the same file. Without --force, an
         existing `folder` must be empty. Devices and pipes are always accepted.
@@ -417,7 +417,7 @@ def is_stdout(path: Path | None) -> bool:
 
 
 def _identity(path: Path) -> object:
-    """Return a key that is equal for all paths of one file: its inode, or the path of a new file."""
+    """Return a key that is equal for all paths of a file. The key is the inode, or the path of a new file."""
     try:
         status = path.stat()
     except (OSError, ValueError):  # the file does not exist, or its name is invalid
@@ -495,7 +495,7 @@ def _log_error(path: object, error: OSError) -> OutputError:
 
 
 def open_log(path: Path) -> None:
-    """From now on, append to the log file at `path`, beginning with the command line."""
+    """Open the log file at `path` for appending, and write the command line to the log."""
     import shlex
 
     try:

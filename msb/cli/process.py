@@ -81,8 +81,8 @@ def _run(app: typer.Typer, name: str) -> int:
 def _interruption(error: BaseException) -> int | None:
     """Return the exit status of the interruption that led to `error`, or None without an interruption.
 
-    After an interruption, closing files can raise another error that replaces the interruption, for example
-    about an incomplete archive.
+    After an interruption, closing a file can raise another error, for example about an incomplete archive.
+    This error replaces the interruption.
     """
     before = error.__context__
     while before is not None:
@@ -119,7 +119,7 @@ def _ending_on_signals() -> Iterator[None]:
 
 
 def _open_closed_streams() -> None:
-    """Open closed standard streams on the null device.
+    """Open the null device for closed standard streams.
 
     Otherwise the next opened file would become a standard stream.
     """
@@ -129,7 +129,7 @@ def _open_closed_streams() -> None:
 
 
 def _output_error(error: Exception) -> OutputError | None:
-    """Return the error to report if `error` comes from writing to standard output, otherwise None.
+    """Return the error to report if writing to standard output raised `error`, otherwise None.
 
     The function ignores errors of other files. An error of opening a file contains a file name, and
     `msb.base.atomic` raises errors of msb.
@@ -176,7 +176,8 @@ def _value_of(option: str) -> str:
 
 
 def _usage_text(error: Any, name: str) -> str:
-    """Return the text of a usage error with the usage line; for an unknown option, also a similar option."""
+    """Return the text of a usage error with the usage line. For an unknown option, the text suggests a
+    similar option."""
     from msb.cli.command import plain_words
 
     text = plain_words(str(error.format_message()), error)

@@ -1,4 +1,4 @@
-"""Lines that report the progress of long work, for a standard error that is not a terminal."""
+"""Lines that report the progress of long work. The lines are written if standard error is not a terminal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ INTERVAL = 60.0
 
 
 class ProgressLines:
-    """Writes the state of the current work once per `INTERVAL`, and at once if a caller requests a line."""
+    """Writes the state of the current work once per `INTERVAL`. A caller can also request a line at once."""
 
     def __init__(self, write: Callable[[str], None]) -> None:
         self._write = write

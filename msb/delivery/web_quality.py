@@ -109,7 +109,7 @@ def web_style(images: ImageLoss) -> tuple[Style, str]:
 
 
 def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
-    """Search for the style as the docstring of this module describes, with mean squared errors."""
+    """Search for the style. The docstring of this module describes the search."""
     from msb.meshes.glb_web import Grid, convert_to_srgb, quantize_light
 
     mesh = as_glb(images.mesh)
@@ -121,7 +121,8 @@ def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
         return _squared_error(images.loss(replace(mesh, vertices=grid.positions)))
 
     def fewest_bits(room: float, *, by_distance: bool) -> int:
-        """Return the lowest precision of positions, in quarters of a bit, with an error up to `room`."""
+        """Return the lowest precision of positions with an error of at most `room`. The unit is a quarter of
+        a bit."""
         low, high = _COARSEST, _FINEST
         while low < high:
             middle = (low + high) // 2
@@ -177,7 +178,8 @@ def _style(web: Web) -> Style:
 
 
 def as_glb(mesh: Mesh) -> Mesh:
-    """Return `mesh` as it would be read back from a GLB with this style, in its original coordinates."""
+    """Return `mesh` as it is read back from a GLB with this style. The result is in the original
+    coordinates."""
     from msb.meshes.assets import fit_to_format
 
     return fit_to_format(replace(mesh, up=None, frame=None), ".glb")
