@@ -196,7 +196,7 @@ def command(
         The name of the command; by default the name of the function.
     instead : mapping, optional
         The keys are options that users try, although the command lacks these options. The values are the
-        texts that the error suggests instead. In these texts, "{value}" is replaced by ":" and the given value.
+        texts that the error suggests instead. In these texts, ":" and the given value replace "{value}".
     **settings
         Context settings of typer.
     """
