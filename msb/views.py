@@ -139,8 +139,8 @@ def _measure_coverage(
 ) -> dict[int, float] | None:
     """Find the first `enough` cameras that show the asset.
 
-    Return the covered share of pixels of each camera that sees the asset, by number. The result is None if no
-    tier can draw the asset. Drawing the asset later raises the error.
+    The result maps the number of each camera that sees the asset to the share of pixels that the asset
+    covers. The result is None if no tier can draw the asset. Drawing the asset later raises the error.
     """
     all_tiers: tuple[Tier, ...] = ("standard", "dedicated")
     tiers = [tier for tier in all_tiers if why_not(asset.manifest, tier) is None]

@@ -17,7 +17,7 @@ from msb.splats.gaussians import DEGREES, Gaussians, Reals, check_count, damaged
 ReadImage = Callable[[str], NDArray[np.uint8]]
 # Number of palette entries in a row of the image with SH coefficients.
 _ENTRIES_PER_ROW = 64
-# The fourth byte of a quaternion is this number plus the index of the omitted component.
+# The fourth byte of a quaternion is 252 plus the index of the omitted component.
 _LARGEST_TAG = 252
 
 

@@ -94,14 +94,17 @@ def compare(
     asset : Asset or path-like
         The asset, or a path that `msb.open` accepts.
     scene : path-like, optional
-        The views and their photographs: the folder of a dataset's scene, whose test views are compared like
-        with `msb compare --scene`, or a file of cameras (`msb.read_cameras`). Default: the training cameras
-        if they are found next to the model, otherwise a turntable.
+        The views and their photographs. A folder is a scene of a dataset, and its test views are compared.
+        A file contains cameras (`msb.read_cameras`). By default, the training cameras next to the model are
+        used. A model without training cameras is shown from a turntable.
     html, screenshot : path-like, optional
-        Write a page of all views, and an image (.png) of the first view. Without `html`, a `screenshot`
-        renders only the first view. overwrite : bool Replace existing files. views : sequence of str Names
-        or numbers of the cameras of `scene`; for a folder also "train" or "all". Default: the test views of
-        a folder, all cameras of a file.
+        Write a page of all views, and an image (.png) of the first view. If only `screenshot` is given,
+        only the first view is rendered.
+    overwrite : bool
+        Replace existing files.
+    views : sequence of str
+        Names or numbers of the cameras of `scene`; for a folder also "train" or "all". By default, the test
+        views of a folder, or all cameras of a file.
     tiers : sequence of str
         One or more of "reference", "dedicated", "standard", "baked" and "truth" (photographs). Default: all
         tiers. baked : Asset or path-like, optional Also compare this mesh, made by `msb.bake` from the model.
