@@ -107,7 +107,9 @@ def compare(
         views of a folder, or all cameras of a file.
     tiers : sequence of str
         One or more of "reference", "dedicated", "standard", "baked" and "truth" (photographs). Default: all
-        tiers. baked : Asset or path-like, optional Also compare this mesh, made by `msb.bake` from the model.
+        tiers.
+    baked : Asset or path-like, optional
+        Also compare this mesh, made by `msb.bake` from the model.
     image_folder : path-like, optional
         The folder of the photographs: its name in the scene. For a file of cameras, any path is accepted.
     scale : float, optional
