@@ -34,24 +34,25 @@ from msb.scenes.around import find_bulk, is_surrounded, make_turntable, place_in
 from msb.scenes.framing import MIN_COVERAGE, Framing, find_framing
 from msb.scenes.sets import check_cameras
 
-# Largest number of training cameras that are used, evenly spread over all training cameras. The limit bounds
-# the computing time.
+# Maximum number of training cameras to use. The cameras are spread evenly over all training cameras. The
+# limit bounds the computing time.
 MAX_TRAINING_VIEWS = 12
-# If generated views see less than this share of the area, views from the other side are also tried.
+# If outside views see less than this share of the area, inside views are also tried. If inside views see less
+# than this share, outside views are also tried.
 MIN_SEEN_SHARE = 0.8
-# Number of views of each kind used to measure visible area, spread evenly over all views of the kind.
+# Number of outside views, and of inside views, that measure the visible area. The views are spread evenly.
 _MEASURED_VIEWS = 12
 # Width and height in pixels of the depth maps that distinguish an interior from an object. Small depth maps
 # suffice, because only the shares of visible faces are compared.
 _DEPTH_SIZE = (320, 240)
 # Number of faces tested for visibility in the depth maps, spread evenly over all faces.
 _TESTED_FACES = 4000
-# Share of the visible faces that outside cameras see from behind. Above this share, the winding counts as
-# consistent with front sides pointing inwards. Below 1/3, the winding counts as consistent with front sides
-# pointing outwards. For faces with random winding, the share is 1/2.
+# Share of the visible faces that outside cameras see from behind. If this share is above 2/3, the winding is
+# consistent and front sides point inwards. If this share is below 1/3, the winding is consistent and front
+# sides point outwards. For faces with random winding, the share is 1/2.
 _BEHIND_SHARE = 2 / 3
-# Limits of this share for the comparison of inside and outside views, which needs less certainty. Measured
-# shares are 0.3 for a diorama, 0.66 for a room, and 0.49 to 0.55 for captures with random winding.
+# Less strict limits of this share, which decide between inside and outside views. Measured shares are 0.3 for
+# a diorama, 0.66 for a room, and 0.49 to 0.55 for captures with random winding.
 _OUTWARD_SHARE, _INWARD_SHARE = 0.4, 0.6
 # A face is visible if the depth of its centre is at most this factor times the depth map's value. The
 # tolerance is needed because the face centre and the pixel centre differ.
@@ -84,7 +85,7 @@ class ChosenViews:
 
     @property
     def is_generated(self) -> bool:
-        """Whether the views were generated instead of given or found beside the model."""
+        """Whether msb generated the views."""
         return self.origin not in ("given", "training")
 
     @property
@@ -138,8 +139,8 @@ def _measure_coverage(
 ) -> dict[int, float] | None:
     """Find the first `enough` cameras that show the asset.
 
-    Return the covered share of pixels of each camera that sees the asset, by number. The result is None if no
-    tier can draw the asset. The caller gets the error when it draws the asset.
+    The result maps the number of each camera that sees the asset to the share of pixels that the asset
+    covers. The result is None if no tier can draw the asset. Drawing the asset later raises the error.
     """
     all_tiers: tuple[Tier, ...] = ("standard", "dedicated")
     tiers = [tier for tier in all_tiers if why_not(asset.manifest, tier) is None]
@@ -199,7 +200,7 @@ def choose_views(
         if kind is None:
             training = find_training_views(asset, device, most=MAX_TRAINING_VIEWS, longest=max(size))
         return training or generate_views(asset, outside, framing, device, kind=kind)
-    except DeviceError:  # the caller gets the error when it draws the asset
+    except DeviceError:  # drawing the asset raises this error again
         return _describe_generated(outside, "turntable", framing)
 
 
@@ -277,7 +278,7 @@ def generate_views(
     if is_capture:
         why = "large faces surround most of the model"
     elif _is_interior(asset, outside, within, device):
-        why = "most of its faces are hidden from outside or seen from behind"
+        why = "most faces are hidden from outside or visible from behind"
     # Use the other kind of views if the chosen views see little of the area and the other views see more.
     from_inside = bool(why)
     seen_outside, seen_within, behind = _measure_seen_areas(asset, outside, within, device)
@@ -286,7 +287,7 @@ def generate_views(
     can_change = behind <= _OUTWARD_SHARE or not is_capture
     if seen < MIN_SEEN_SHARE and other > seen and can_change:
         here, there = ("inside", "outside") if from_inside else ("outside", "inside")
-        why = f"these views show {100 * other:.0f} % of its area, and views from {here} {100 * seen:.0f} %"
+        why = f"these views show {100 * other:.0f} % of its area; views from {here} show {100 * seen:.0f} %"
         from_inside = there == "inside"
     if from_inside:
         return _describe_generated(within, "inside", framing, why)
@@ -312,7 +313,8 @@ def _measure_seen_areas(
     """Return the shares of the area visible from outside and from inside, and the winding.
 
     The winding is the share of visible faces that outside cameras see from behind. If the winding is
-    consistent, only front sides count as visible. If the visible areas cannot be measured, both shares are 1.
+    consistent, only front sides count as visible. If no renderer can measure the visible areas, the function
+    returns 1 for both shares.
     """
     if why_not(asset.manifest, "standard") is not None:
         return 1.0, 1.0, 0.5
@@ -346,7 +348,8 @@ def _is_interior(asset: Asset, outside: list[Camera], within: list[Camera], devi
         return False
     with Renderer(asset, "standard", device) as renderer:
         front, back, behind, _ = _test_visibility(asset, renderer, outside)
-        # If the winding is consistent, only front sides count as visible. Otherwise both sides count.
+        # If the winding is consistent, only front sides count as visible. If the winding is not consistent,
+        # back sides also count as visible.
         is_sided = behind >= _BEHIND_SHARE or behind <= 1 - _BEHIND_SHARE
         visible = (front if is_sided else front | back).mean()
         if visible >= 0.5:
@@ -360,8 +363,9 @@ def _test_visibility(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], float, NDArray[np.float64]]:
     """Test the visibility of a sample of n faces.
 
-    Return two masks (n,) of the faces visible from the front and from behind, the share of visible faces
-    seen from behind, and weights (n,) proportional to the area.
+    The first two results are masks (n,) of the faces that are visible from the front and from behind. The
+    third result is the share of the visible faces that cameras see from behind. The last result contains
+    weights (n,) proportional to the area of each face.
     """
     # Compute centres (n, 3) and normals (n, 3) of an evenly spread sample of the faces.
     faces = asset.buffers["indices"]
@@ -405,15 +409,15 @@ def render_standard(
 
 
 def squared_errors(images: Sequence[Any], references: Sequence[Any]) -> NDArray[np.float64]:
-    """Return for each view (n, 2) the sum of squared differences and the number of values.
+    """Return the sum of squared differences and the number of values for each view, as an array (n, 2).
 
-    Views are given as images or frames. Differences between colours are in 8-bit levels, from 0 to 255.
+    A view is an image or a `Frame`. Differences between colours are in 8-bit levels, from 0 to 255.
     """
     sums = []
     for pair in zip(images, references, strict=True):
         levels = [to_bytes(np.asarray(getattr(view, "image", view))) for view in pair]
         change = np.subtract(*levels, dtype=np.int32)
-        # A matrix product is avoided here, because its threads would stay busy and slow down the kernels.
+        # Do not use a matrix product: the threads of BLAS keep running and slow down the OpenCL kernels.
         sums.append((np.square(change, out=change).sum(dtype=np.int64), change.size))
     return np.array(sums, np.float64)
 
@@ -421,7 +425,7 @@ def squared_errors(images: Sequence[Any], references: Sequence[Any]) -> NDArray[
 def psnr_over_views(images: Sequence[Any], references: Sequence[Any]) -> float:
     """Return the PSNR in dB over the pixels of all views.
 
-    An average of the PSNR of single views would be infinite as soon as the two images of one view are equal.
+    The function does not average the PSNR of single views, because the PSNR of two equal images is infinite.
     """
     return pooled_psnr(squared_errors(images, references))
 

@@ -11,8 +11,8 @@ from msb.cli.command import Command, epilog
 from msb.errors import UsageError
 
 _SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
-# Plain help text loads in a third of the time of framed help, and looks the same in a pipe. Typer's options
-# for completion are off, because `msb completion` prints the completion script.
+# Plain help text loads three times as fast as help text in frames. Typer's options for completion are off,
+# because `msb completion` prints the completion script.
 _PLAIN: dict[str, Any] = {
     "rich_markup_mode": None,
     "context_settings": _SETTINGS,
@@ -22,7 +22,7 @@ _PLAIN: dict[str, Any] = {
 
 
 class _Root(TyperGroup):
-    """The list of commands under headings. The module of a command is imported at its first use."""
+    """The list of commands under headings. A command is imported at its first use."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         del ctx

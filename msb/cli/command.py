@@ -3,11 +3,12 @@
 A function that is decorated with `command` has parameters of these kinds:
 
 - A dataclass. The dataclass fields with an `Option` become options, and the function receives an object of
-  the dataclass. If the annotation of the parameter has a tuple of names, such as ``Annotated[Views,
-  ("cameras", "size")]``, only these fields become options; the other fields keep their defaults. `Output`
-  is also a dataclass of options. If the function takes an `Output`, all paths are checked before the
-  function runs.
+  the dataclass. With ``Annotated[Views, ("cameras", "size")]`` only the fields `cameras` and `size` become
+  options. All other fields keep their defaults. The class `Output` is also a dataclass of options. If the
+  function takes an `Output`, all paths are checked before the function runs.
+
 - Other parameters with an annotation `Argument` or `Option`.
+
 - `Typed`, the parameters that the user gave on the command line.
 
 A parameter of type Path is an input, unless the `output` of its `Option` is set.
@@ -34,8 +35,7 @@ from msb.errors import MsbError, UsageError, shorten
 
 @dataclass(frozen=True)
 class Everywhere:
-    """The options that every command has. A command can replace such an option by a different option of the
-    same name."""
+    """The options that every command has. A command can define a different option with the same name."""
 
     color: Annotated[
         Literal["auto", "always", "never"] | None,
@@ -49,11 +49,11 @@ class Everywhere:
 
 
 class Typed(dict[str, str]):
-    """The parameters given on the command line, each with its label, such as ``--size`` for ``size``."""
+    """The parameters given on the command line, and their labels, such as ``--size`` for ``size``."""
 
     def reject(self, names: Iterable[str], text: str) -> None:
-        """Raise a UsageError if one of these parameters is given on the command line. `text` follows the
-        label of the parameter."""
+        """Raise a UsageError if one of these parameters is given on the command line. The message consists of
+        the label of the parameter and `text`."""
         for name in names:
             if name in self:
                 raise UsageError("USAGE", f"{self[name]} {text}")
@@ -91,7 +91,7 @@ class _Declared(NamedTuple):
         option, kind = self.option, self.type
         if get_origin(kind) is tuple:
             kind = list[get_args(kind)[0]]  # type: ignore[misc]
-        if get_origin(kind) in (Union, UnionType):  # command-line values have the first type
+        if get_origin(kind) in (Union, UnionType):  # use the first type of a union on the command line
             kind = get_args(kind)[0] | None
         default = [] if self.default == () else self.default
         number = {int: "N", float: "X"}.get(
@@ -144,9 +144,9 @@ class Command(TyperCommand):
     """A command of typer with a section for arguments in its help. Empty words are errors."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the words. An empty word, as from an unset shell variable, is an error."""
-        # Commands without interspersed options pass their words to another program, which may accept empty
-        # words.
+        """Parse the words. Reject empty words, which can come from an unset shell variable."""
+        # Some commands pass their words to another program, which may accept empty words. Only commands
+        # without interspersed options do this.
         checks = ctx.allow_interspersed_args and not ctx.resilient_parsing
         if checks and any(_EMPTY.fullmatch(word) for word in args):
             ctx.fail("an argument or the value of an option is empty; use . for the current folder")
@@ -158,7 +158,7 @@ class Command(TyperCommand):
         return ["[OPTIONS]", *(word if param.required else f"[{word}]" for param, word in words)]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write first the arguments, then the options."""
+        """Write the arguments before the options."""
         if arguments := self._arguments(ctx):
             with formatter.section("Arguments"):
                 formatter.write_dl([(param.metavar, param.help) for param in arguments])
@@ -191,12 +191,12 @@ def command(
     Parameters
     ----------
     *examples : str
-        Command lines that run on the demo data. The examples end the help.
+        Command lines that run on the demo data. The help ends with the examples.
     name : str
         The name of the command; by default the name of the function.
     instead : mapping, optional
-        For each option that users try although the command lacks it, the text to write instead, for the
-        error. The text "{value}" is replaced by ":" and the given value, if a value was given.
+        The keys are options that users try, although the command lacks these options. The values are the
+        texts that the error suggests instead. In these texts, ":" and the given value replace "{value}".
     **settings
         Context settings of typer.
     """
@@ -311,7 +311,7 @@ _DEMO_DATA = "Create the files of the examples with: msb demo-data data_stubs"
 
 
 def epilog(*examples: str) -> str:
-    """Return the end of a help page: examples, exit statuses, and how to get the files of the examples."""
+    """Return the end of a help page: examples, exit statuses, and the command that writes the demo data."""
     lines = "\n".join(f"  {example}" for example in examples)
     data = f"\n\n{_DEMO_DATA}" if "data_stubs" in lines else ""
     return f"\b\nExamples:\n{lines}\n\n\b\n{_EXIT_TABLE}{data}"

@@ -21,8 +21,7 @@ class Entry(NamedTuple):
     help: str
 
 
-# The module of each command, by heading and name. The folder of a module is missing if its capability was
-# removed.
+# The module of each command, by heading and name. The module is missing if its package was not installed.
 BUILT_IN: dict[str, dict[str, Entry]] = {
     "Check and repair a mesh": {
         "audit": Entry(
@@ -65,7 +64,7 @@ BUILT_IN: dict[str, dict[str, Entry]] = {
     },
     "This machine": {
         "devices": Entry(
-            "msb.render.commands.devices", "List the devices of this machine that compute and draw."
+            "msb.render.commands.devices", "List the OpenCL devices and the renderers of this machine."
         ),
         "completion": Entry("msb.cli.completion", "Print a script for completion with the Tab key."),
     },
@@ -115,8 +114,8 @@ def _missing_package(module: str) -> str:
     parts = module.split(".")
     package = parts[0] if parts[0] != "msb" else ".".join(parts[:2])
     spec = find_spec(package)
-    # After the removal of a package, its folder can still contain compiled files. Python then finds a
-    # package without an origin, and imports it as empty.
+    # After the removal of a package, its folder can still contain compiled files. Python imports a folder
+    # without an origin as an empty package.
     return "" if spec is not None and spec.origin is not None else package
 
 
@@ -133,5 +132,7 @@ def _function_in(loaded: Any, name: str) -> Any:
     functions = [member for member in members if hasattr(member, "declared")]
     named = [function for function in functions if function.name == name] or functions
     if len(named) != 1:
-        raise PackageError("it does not name a function with the decorator msb.cli.command.command")
+        raise PackageError(
+            "the entry point does not name a function with the decorator msb.cli.command.command"
+        )
     return named[0]

@@ -34,7 +34,7 @@ STDOUT = "-"
 _STDOUT_NAMES = (STDOUT, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
 # Width of tables in characters, even if the terminal is narrower.
 _LEAST_WIDTH = 80
-# Replacements for arrows on streams that cannot print them.
+# Text that replaces arrows if a stream cannot print arrows.
 _PLAIN = str.maketrans({"↑": "(up)", "↓": "(down)"})
 
 
@@ -94,17 +94,17 @@ class Output:
 
     @property
     def shows_progress(self) -> bool:
-        """Whether progress bars are shown, which needs a terminal and a printed text result."""
+        """Whether progress bars are shown. Progress bars need a terminal and a printed text result."""
         return self.prints_text and not self.quiet and sys.stderr.isatty()
 
     @property
     def progress_lines(self) -> ProgressLines | None:
-        """The writer of progress lines, or None on a terminal and with --quiet."""
+        """The writer of progress lines; None on a terminal and with --quiet."""
         return None if self.quiet or sys.stderr.isatty() else self._progress_lines
 
     @contextlib.contextmanager
     def _report(self, describe: Callable[[], str]) -> Iterator[None]:
-        """During the block, write lines with ``describe()`` and the elapsed time, except on a terminal."""
+        """Write ``describe()`` and the elapsed time at intervals during the block, except on a terminal."""
         start = time.monotonic()
         lines = self.progress_lines
         if lines is None:
@@ -157,7 +157,7 @@ class Output:
 
         console = self.console()
         if whole and not console.is_terminal:
-            console.width = 10_000  # wider than any table
+            console.width = 10_000  # wider than every table
         rows = list(rows)
         names = headers or [""] * len(rows[0])
         table = plain_table(*names, right=tuple(right), gap=gap)
@@ -175,7 +175,8 @@ class Output:
     def line(self, *parts: Cell) -> None:
         """Print texts in their styles on one line.
 
-        Only the terminal wraps the line, so that users can copy a path in it.
+        Do not wrap the line, so that users can copy a path from the line. Only the terminal may wrap the
+        line.
         """
         from rich.text import Text
 
@@ -307,7 +308,7 @@ class Output:
     def check_free(
         self, path: Path | None, *, folder: bool = False, label: str = "a file next to the output"
     ) -> None:
-        """Reject an output that is also an input, that cannot be written, or that may not be replaced.
+        """Reject an output that is also an input, cannot be written, or may not be replaced.
 
         `label` names the option in the message about two outputs with the same file. Without --force, an
         existing `folder` must be empty. Devices and pipes are always accepted.
@@ -319,7 +320,7 @@ class Output:
         if taken and not self.may_replace(path):
             if not folder and is_folder(path):
                 check_place(path)  # a folder cannot be replaced, even with --force
-            raise UsageError("OUTPUT_EXISTS", f"it exists; {self._remedy}", file=path)
+            raise UsageError("OUTPUT_EXISTS", f"the path exists; {self._remedy}", file=path)
         check_place(path, folder=folder)
         if not is_stream(path):
             place = os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118 - a link is replaced
@@ -337,7 +338,7 @@ class Output:
         unless one of these files is an input.
         """
         if folder_is_taken(folder) and not (self.force if replace is None else replace):
-            raise UsageError("OUTPUT_EXISTS", f"it exists; {self._remedy}", file=folder)
+            raise UsageError("OUTPUT_EXISTS", f"the path exists; {self._remedy}", file=folder)
         check_own_folder(folder)
         self._check_apart(folder)
         files = [folder / name for name in listed_files(folder) or ()]
@@ -351,7 +352,7 @@ class Output:
 
     def _check_apart(self, path: Path) -> None:
         if not is_stream(path) and _identity(path) in self._inputs:
-            raise UsageError("USAGE", "it is an input; write the output to another file", file=path)
+            raise UsageError("USAGE", "the path is an input; write the output to another file", file=path)
 
     def reword(self, error: MsbError) -> None:
         """Replace the parameter `overwrite` in the message of an error by the option --force."""
@@ -376,7 +377,10 @@ class Output:
             self._write(self.json_lines, "".join(f"{line}\n" for line in lines))
 
     def write_csv(self, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
-        """Write `rows` to the file of --csv, if this option was given. `formula_safe` escapes the texts."""
+        """Write `rows` to the file of --csv, if this option was given.
+
+        The function `formula_safe` escapes texts that a spreadsheet would run as formulas.
+        """
         if self.csv_file is None:
             return
         import csv
@@ -414,10 +418,10 @@ def is_stdout(path: Path | None) -> bool:
 
 
 def _identity(path: Path) -> object:
-    """Return a key that is equal for all paths of one file: its inode, or the path of a new file."""
+    """Return a key that is equal for all paths of a file. The key is the inode, or the path of a new file."""
     try:
         status = path.stat()
-    except (OSError, ValueError):  # the file does not exist, or its name is impossible
+    except (OSError, ValueError):  # the file does not exist, or its name is invalid
         return real_place(path)
     return status.st_dev, status.st_ino
 
@@ -492,7 +496,7 @@ def _log_error(path: object, error: OSError) -> OutputError:
 
 
 def open_log(path: Path) -> None:
-    """From now on, append to the log file at `path`, beginning with the command line."""
+    """Open the log file at `path` for appending, and write the command line to the log."""
     import shlex
 
     try:
@@ -507,11 +511,11 @@ def open_log(path: Path) -> None:
 
 
 def _check_log(path: Path) -> None:
-    """Reject an existing file whose beginning is not that of an msb log."""
+    """Reject an existing file that does not begin like a log of msb."""
     with contextlib.suppress(FileNotFoundError), path.open("rb") as file:
         begin = file.read(_LOG_BEGINS_WITHIN)
         if begin and not _LOG_BEGINS.match(begin):
-            text = "it exists and is not a log of msb; name another file"
+            text = "the file exists and is not a log of msb; name another file"
             raise UsageError("OUTPUT_EXISTS", f"--log-file: {text}", file=path)
 
 

@@ -1,4 +1,4 @@
-"""Lines that report the progress of long work, for a standard error that is not a terminal."""
+"""Lines that report the progress of long work. The lines are written if standard error is not a terminal."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 
-# Seconds between two progress lines, and before the first line. A night of work then adds about 600 lines
-# to a log.
+# Seconds between two progress lines, and before the first line. A run of ten hours writes about 600 lines.
 INTERVAL = 60.0
 
 
 class ProgressLines:
-    """Writes the state of the current work once per `INTERVAL`, and at once if a caller requests a line."""
+    """Writes the state of the current work once per `INTERVAL`. A caller can also request a line at once."""
 
     def __init__(self, write: Callable[[str], None]) -> None:
         self._write = write
@@ -24,7 +23,7 @@ class ProgressLines:
         self._lock = threading.Lock()
 
     def write_first(self, state: str) -> None:
-        """Write `state` if no line was written yet, so that a log soon shows that the command works."""
+        """Write `state` unless a line was written already. The log then soon shows that the command works."""
         with self._lock:
             if not self._wrote:
                 self._put(state)

@@ -35,8 +35,8 @@ class ConvertOptions:
         UpDirection | None,
         Option(
             "Axis or direction that points up in IN. In a mesh file, this direction is rotated to +y. "
-            "In COLMAP scenes it is about -y. Default: no rotation; for .glb and USD the up axis of IN, "
-            "if known.",
+            "In COLMAP scenes this direction is about -y. Default: no rotation; for .glb and USD the up axis "
+            "of IN, if known.",
             metavar="AXIS|X,Y,Z",
         ),
     ] = None
@@ -87,7 +87,8 @@ def convert(
     output: PlainOutput,
     typed: Typed,
 ) -> None:
-    """Convert between .triasset and mesh files, with all vertices and faces, their order and colours.
+    """Convert between .triasset and mesh files. All vertices and faces, their order and their colours are
+    kept.
 
     Mesh formats are .glb, .obj, .off, .ply, .stl, .usd, .usda, .usdc, .usdz and .gltf (read only). Notes list
     the data that OUT cannot store, and the ignored data of IN (normals, lights, bones).

@@ -76,7 +76,7 @@ def convert(
     engine: Engine | None = None,
     official: bool = False,
 ) -> Converted:
-    """Convert a model or mesh to the format of the suffix of `target`, as `msb convert` does.
+    """Convert a model or mesh. The suffix of `target` sets the format, as in `msb convert`.
 
     Vertices and faces, their order and colours are kept as far as the format allows. A mesh file keeps the
     precision of its coordinates, unless the format of the output has only float32. If an error occurs, no
@@ -146,7 +146,7 @@ def convert(
     conversion.check_target(output_path)
     if real_place(place) == real_place(output_path):
         raise UsageError("USAGE", "this path is an input; write the output to another file", file=output_path)
-    if official and not overwrite:  # all other writers do this check themselves
+    if official and not overwrite:  # only the official writer does not check this
         check_new(output_path)
     warnings: list[str] = []
     done = replace(conversion, note=warnings.append).run(place, output_path)
@@ -174,7 +174,7 @@ class Conversion:
     official: bool = False
     overwrite: bool = False
     stage: Stage = _silent
-    # Checks whether an additional file of a mesh may be written.
+    # Check whether a file beside the mesh, such as a texture, may be written.
     check_free: Callable[[Path], None] = lambda path: None
     # Receives each warning about the input immediately.
     note: Callable[[str], None] = lambda text: None

@@ -1,4 +1,4 @@
-"""Writes an asset to a file in the format of its suffix."""
+"""Writes an asset to a file. The suffix of the file sets the format."""
 
 import os
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ def save(
     engine: Engine | None = None,
     progress: Progress | None = None,
 ) -> None:
-    """Write `asset` to a file in the format of its suffix. If an error occurs, no file is written.
+    """Write `asset` to a file. The suffix of `path` sets the format. If an error occurs, no file is written.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def save(
         textures in `.glb` and `.obj`. An `.obj` file is written with an `.mtl` file and images. If the up
         axis of the asset is known, a `.glb` is rotated so that +y points up, as glTF specifies.
     overwrite : bool
-        Replace an existing file. Existing devices and pipes never cause an error.
+        Replace an existing file. Devices and pipes are always accepted.
     form : {"packed", "folder"}
         The form of a `.triasset`: a single file (ZIP with uncompressed, 64-byte aligned members) or a folder.
     color : {"linear", "srgb"}, optional
@@ -131,7 +131,7 @@ def choose_style(
 
 
 def check_choice(name: str, value: Any, known: Sequence[str]) -> None:
-    """Raise USAGE if an option has none of its allowed values."""
+    """Raise USAGE unless `value` is an allowed value of the option."""
     if value not in known:
         text = f'{name} "{shorten(str(value), 40)}" does not exist; choose from {", ".join(known)}'
         raise UsageError("USAGE", text)
@@ -152,7 +152,7 @@ _OTHER_MODELS = (".gltf", ".fbx", ".usd", ".usda", ".usdc", ".usdz", ".dae", ".b
 def output_suffix(path: Path, name: str = "the output") -> str:
     """Return the suffix of `path` in lower case if the format can be written, else raise USAGE.
 
-    The error message calls the path `name`. If the suffix is not the format of a model, the message names the
+    Error messages use `name` for the path. If the suffix is not the format of a model, the message names the
     command that writes such files.
     """
     suffix, known = path.suffix.lower(), (ASSET_SUFFIX, *list_written_suffixes())

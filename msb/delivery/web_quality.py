@@ -3,14 +3,16 @@
 A GLB for the web stores quantised positions, quantised colours and compressed textures. Quantised positions,
 quantised colours and compressed textures each add an error to the images of the mesh. The mean squared errors
 of independent steps add up approximately. Therefore the search measures each compression step separately, and
-distributes the error that 50 dB allow:
+divides the error that a PSNR of 50 dB allows:
 
 1. Measure the error of the compressed textures.
+
 2. For each precision of the colours, measure the error of the colours. Subtract the errors of textures and
-colours from the allowed error. Find by bisection the fewest position bits whose error fits into the remaining
-error.
-3. Use the combination with the smallest file. Finally adjust the position bits until the whole file just
-keeps 50 dB.
+colours from the allowed error. By bisection, find the smallest number of position bits with at most the
+remaining error.
+
+3. Use the combination with the smallest file. Finally adjust the number of position bits until the whole file
+has at least 50 dB.
 """
 
 from __future__ import annotations
@@ -37,9 +39,9 @@ MIN_PSNR = 50.0
 _SAMPLES = 4
 # Search range for the precision of positions, in quarters of a bit: 10 to 22 bits.
 _COARSEST, _FINEST = 40, 88
-# Precisions of vertex colours (stored as linear light), from coarse to fine. With None, every channel has one
-# byte. With a number, a channel gets a second byte if the error of one byte exceeds this number of levels of
-# 8-bit sRGB.
+# Precisions of vertex colours (stored as linear light), from coarse to fine. With None, each channel is
+# stored in one byte. A number is the largest allowed error of one byte, in levels of 8-bit sRGB. With a
+# larger error, a channel is stored in two bytes.
 _LEVELS = (None, 4.0, 2.0, 1.0, 0.5)
 
 
@@ -55,7 +57,7 @@ class ImageLoss:
     cameras: list[Camera]
     views: str
     why_not: str | None = None
-    # The images of `mesh`, as a list of (H, W, 3) for each number of samples per pixel along each axis.
+    # Cached images (H, W, 3) of `mesh`. The key is the number of samples per pixel along each axis.
     _images: dict[int, list[NDArray[np.float32]]] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -107,7 +109,7 @@ def web_style(images: ImageLoss) -> tuple[Style, str]:
 
 
 def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
-    """Search for the style as the docstring of this module describes, with mean squared errors."""
+    """Search for the style. The docstring of this module describes the search."""
     from msb.meshes.glb_web import Grid, convert_to_srgb, quantize_light
 
     mesh = as_glb(images.mesh)
@@ -119,7 +121,8 @@ def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
         return _squared_error(images.loss(replace(mesh, vertices=grid.positions)))
 
     def fewest_bits(room: float, *, by_distance: bool) -> int:
-        """Return the lowest precision of positions, in quarters of a bit, with an error up to `room`."""
+        """Return the lowest precision of positions with an error of at most `room`. The unit is a quarter of
+        a bit."""
         low, high = _COARSEST, _FINEST
         while low < high:
             middle = (low + high) // 2
@@ -175,7 +178,8 @@ def _style(web: Web) -> Style:
 
 
 def as_glb(mesh: Mesh) -> Mesh:
-    """Return `mesh` as it would be read back from a GLB with this style, in its original coordinates."""
+    """Return `mesh` as it is read back from a GLB with this style. The result is in the original
+    coordinates."""
     from msb.meshes.assets import fit_to_format
 
     return fit_to_format(replace(mesh, up=None, frame=None), ".glb")

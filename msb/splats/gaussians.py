@@ -12,7 +12,8 @@ from msb.asset.sh import SH_C0, sh_basis
 from msb.errors import CheckpointError
 
 Reals = NDArray[np.floating[Any]]
-# SH degree for the number of SH coefficients per channel, excluding the first coefficient.
+# The SH degree for each number of SH coefficients per channel. The number excludes the coefficient of degree
+# 0.
 DEGREES = {(degree + 1) ** 2 - 1: degree for degree in range(5)}
 # Minimum linear scale for formats that do not store the logarithm of scales.
 _MIN_SCALE = 1e-30
@@ -20,8 +21,8 @@ _MIN_SCALE = 1e-30
 
 @dataclass(frozen=True, eq=False)
 class Gaussians:
-    """A set of `N` Gaussians with the parameters that 3DGS stores: before activation, in the frame x right,
-    y down, z forward.
+    """A set of `N` Gaussians with the stored parameters of 3DGS, before activation. The axes are x right, y
+    down, z forward.
 
     Attributes
     ----------
@@ -34,7 +35,7 @@ class Gaussians:
     f_dc : (N, 3) float32
         SH coefficients of degree 0.
     f_rest : (N, K, 3) float32 or None
-        The remaining SH coefficients.
+        The SH coefficients of degree 1 and higher.
     antialiased : bool or None
         Whether the model was trained with compensated opacities; None if the file does not state this.
     notes : tuple of str
@@ -64,7 +65,7 @@ def damaged(text: str) -> CheckpointError:
 def check_count(count: int) -> None:
     """Reject a file without Gaussians."""
     if count < 1:
-        raise CheckpointError("CHECKPOINT_LAYOUT", "it contains no Gaussians")
+        raise CheckpointError("CHECKPOINT_LAYOUT", "the file contains no Gaussians")
 
 
 def to_logit(opacity: Reals) -> NDArray[np.float32]:
@@ -86,8 +87,9 @@ def to_f_dc(color: Reals) -> NDArray[np.float32]:
 def expand_quaternions(largest: NDArray[np.integer[Any]], others: Reals) -> Reals:
     """Return quaternions (N, 4) from their three smallest components.
 
-    `others` (N, 3) are the three components in order. The component number `largest` (N,) is missing; it is
-    positive and makes the length 1.
+    `others` (N, 3) contains the three stored components in ascending order of their numbers. The component
+    with the number `largest` (N,) is not stored. The missing component is positive, and the quaternion has
+    length 1.
     """
     rotation = np.zeros((len(others), 4))
     columns = np.array([[k for k in range(4) if k != left_out] for left_out in range(4)])
@@ -98,12 +100,11 @@ def expand_quaternions(largest: NDArray[np.integer[Any]], others: Reals) -> Real
 
 
 def turn_about_x(gaussians: Gaussians) -> Gaussians:
-    """Return the Gaussians rotated by half a turn about x. This converts the frame x right, y up, z back to
-    our frame and vice versa.
+    """Return the Gaussians rotated by half a turn about x. This rotation converts between our frame and the
+    frame x right, y up, z back.
 
-    The signs of y and z of means and quaternions change, and the signs of SH coefficients whose basis
-    function is odd under the rotation. The axes of a Gaussian have no direction, so the half turn
-    conjugates the quaternion.
+    The function negates y and z of the means and of the quaternions. The function also negates the SH
+    coefficients of each basis function that changes its sign under the rotation.
     """
     flip = np.array([1, -1, -1], np.float32)
     f_rest = gaussians.f_rest
@@ -147,10 +148,10 @@ def transform(gaussians: Gaussians, rotation: Reals, size: float, offset: Reals)
 
 
 def _to_quaternion(rotation: Reals) -> Reals:
-    """Return the quaternion (4,) w, x, y, z of a rotation matrix; it is the dominant eigenvector of a 4 x 4
-    matrix.
+    """Return the quaternion (4,) w, x, y, z of a rotation matrix.
 
-    The 4 x 4 matrix (Bar-Itzhack 2000) needs no special case for small w.
+    The quaternion is the dominant eigenvector of a 4 x 4 matrix (Bar-Itzhack 2000). This method needs no
+    special case for small w.
     """
     (a, b, c), (d, e, f), (g, h, i) = rotation
     matrix = np.array(
@@ -168,7 +169,7 @@ def _to_quaternion(rotation: Reals) -> Reals:
 def _rotate_sh(rest: NDArray[np.float32], degree: int, rotation: Reals) -> NDArray[np.float32]:
     """Return SH coefficients (N, K, 3) whose colour at d equals the old colour at R^T d.
 
-    The linear map of each degree is solved from values at sampled directions.
+    The function samples directions and solves a linear system for each degree.
     """
     directions = np.random.default_rng(0).normal(size=(64, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)

@@ -16,17 +16,18 @@ from msb.splats.gaussians import Gaussians, to_logit, transform, turn_about_x
 EXTENSION = "KHR_gaussian_splatting"
 MEAN = "POSITION"
 ROTATION, SCALE, OPACITY = (f"{EXTENSION}:{name}" for name in ("ROTATION", "SCALE", "OPACITY"))
-# The attributes of every primitive, with the type of their elements.
+# The required attributes of a primitive, and the type of each attribute.
 REQUIRED = {MEAN: "VEC3", ROTATION: "VEC4", SCALE: "VEC3", OPACITY: "SCALAR"}
 
 
 def coefficient(degree: int, number: int) -> str:
-    """Return the name of the attribute with SH coefficient `number` (0 to 2 `degree`) of a degree."""
+    """Return the attribute name of the SH coefficient `number` of a degree; `number` is 0 to 2 `degree`."""
     return f"{EXTENSION}:SH_DEGREE_{degree}_COEF_{number}"
 
 
 def read(attributes: Mapping[str, NDArray[Any]], world: NDArray[np.float64]) -> Gaussians:
-    """Return the Gaussians of a primitive. `attributes` (N, width) are numbers; integers are normalised.
+    """Return the Gaussians of a primitive. `attributes` maps names to arrays (N, width). Integer arrays are
+    normalised.
 
     `world` (4, 4) is the transform of the node: a rotation, a uniform scale and a translation.
 

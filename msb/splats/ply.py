@@ -26,7 +26,7 @@ from msb.splats.gaussians import (
 PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 # Property of Mip-Splatting: the standard deviation of the filter that is added to each Gaussian.
 _FILTER = "filter_3D"
-# Number of rows of a compressed PLY that share a chunk, which has their bounds.
+# Number of rows in a chunk of a compressed PLY. Each chunk stores its bounds.
 _CHUNK_ROWS = 256
 # A compressed PLY stores f_rest as bytes for values from -4 to 4.
 _REST_RANGE = 8.0
@@ -81,7 +81,7 @@ def read(tables: Mapping[str, Table], comments: Sequence[str] = ()) -> Gaussians
 
 
 def _apply_filter(gaussians: Gaussians, table: Table) -> Gaussians:
-    """Return the Gaussians of Mip-Splatting after its 3D filter, which preserves the integral of the opacity.
+    """Apply the 3D filter of Mip-Splatting, which makes each Gaussian larger and less opaque.
 
     Source: autonomousvision/mip-splatting (scene/gaussian_model.py, get_opacity_with_3D_filter).
     """
@@ -117,7 +117,7 @@ def _read_rest(table: Table) -> NDArray[np.float32] | None:
     count = sum(name.startswith("f_rest_") for name in table.names)
     if count % 3 or count // 3 not in DEGREES:
         valid = ", ".join(str(3 * number) for number in DEGREES)
-        text = f"it has {count} properties f_rest; degrees 0 to 4 have {valid}"
+        text = f"the file has {count} properties f_rest; the SH degrees 0 to 4 need {valid} properties"
         raise CheckpointError("CHECKPOINT_LAYOUT", text, pointer="f_rest_0")
     if not count:
         return None
@@ -141,13 +141,12 @@ def _read_packed(vertex: Table, tables: Mapping[str, Table]) -> Gaussians:
     256 rows."""
     chunks = tables.get("chunk")
     if chunks is None or chunks.count < -(-vertex.count // _CHUNK_ROWS):
-        text = f"it has {0 if chunks is None else chunks.count} chunks for {vertex.count} Gaussians; "
-        raise damaged(f"{text}there must be one for {_CHUNK_ROWS} Gaussians")
+        text = f"the file has {0 if chunks is None else chunks.count} chunks for {vertex.count} Gaussians; "
+        raise damaged(f"{text}one chunk is needed for {_CHUNK_ROWS} Gaussians")
     number = np.arange(vertex.count) // _CHUNK_ROWS
 
     def between(what: str, axes: str, shares: Reals) -> Reals:
-        """Return values (N, 3) between the bounds of their chunks, for fractions `shares` (N, 3) in [0,
-        1]."""
+        """Interpolate between the bounds of each chunk; `shares` (N, 3) are fractions in [0, 1]."""
         low, high = (
             _columns(chunks, [f"{end}_{what}{axis}" for axis in axes]).astype(np.float64)[number]
             for end in ("min", "max")
@@ -179,8 +178,8 @@ def _words(table: Table, name: str) -> NDArray[np.uint32]:
 
 
 def _split_bits(words: NDArray[np.uint32], *widths: int) -> Reals:
-    """Return the bit fields of `words` (N,), highest bits first, as fractions (N, parts) of their largest
-    value."""
+    """Split the bit fields of `words` (N,), highest bits first. Return each field as a fraction of its
+    largest value, (N, parts)."""
     shifts = np.cumsum(widths[::-1])[::-1] - widths
     parts = [
         ((words >> np.uint32(shift)) & np.uint32((1 << width) - 1)) / ((1 << width) - 1)
@@ -190,12 +189,11 @@ def _split_bits(words: NDArray[np.uint32], *widths: int) -> Reals:
 
 
 def _read_packed_rest(table: Table | None, count: int) -> NDArray[np.float32] | None:
-    """Return f_rest (N, K, 3) from bytes: 0 means -4, 255 means 4, and other bytes mean the middles of 256
-    steps."""
+    """Return f_rest (N, K, 3), decoded from bytes to values from -4 to 4."""
     if table is None or not table.names:
         return None
     if table.count != count:
-        raise damaged(f"it has {table.count} rows of SH for {count} Gaussians")
+        raise damaged(f"the file has {table.count} rows of SH for {count} Gaussians")
     level = _read_rest(table)
     if level is None:
         return None

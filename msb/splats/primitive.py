@@ -11,8 +11,9 @@ from msb.asset.drawable import require, required_buffer
 from msb.splats.gaussians import Gaussians, Reals
 
 MEAN, SCALE, ROTATION = "gauss.mean", "gauss.scale", "gauss.rotation"
-# Distance of a placeholder's corners from the mean, in standard deviations, for opacity 1. The area of the
-# equilateral triangle is then 2 pi, the integral of the Gaussian over the plane of its two longer axes.
+# Distance from the mean to a corner of the placeholder triangle at opacity 1, in standard deviations. The
+# area of the equilateral triangle is then 2 pi, the integral of the Gaussian over the plane of its two longer
+# axes.
 _REACH = np.sqrt(2 * np.pi / (3 * np.sqrt(3) / 4))
 _CORNERS = np.deg2rad([90, 210, 330])
 # Number of Gaussians whose placeholders are computed at a time, to limit temporary memory.
@@ -31,7 +32,7 @@ class Activated(NamedTuple):
 def make_buffers(gaussians: Gaussians) -> dict[str, NDArray[Any]]:
     """Return the buffers of an asset: the stored parameters, and a placeholder triangle per Gaussian.
 
-    All buffers except `positions` and `indices` belong to faces.
+    Each buffer except `positions` and `indices` has one row for each face.
     """
     count = len(gaussians.mean)
     buffers: dict[str, NDArray[Any]] = {
@@ -60,7 +61,7 @@ def _make_stand_ins(gaussians: Gaussians) -> NDArray[np.float32]:
         with np.errstate(over="ignore", invalid="ignore"):
             deviation = np.exp(gaussians.scale[part].astype(np.float64))
             axes = rotation_matrices(gaussians.rotation[part].astype(np.float64))
-            # Arms (n, 3, 2): the two longer axes as vectors with the length of one standard deviation.
+            # The two longer axes (n, 3, 2). The length of each axis is one standard deviation.
             longest = np.argsort(-deviation, axis=1, kind="stable")[:, :2]
             length = np.take_along_axis(deviation, longest, axis=1)
             arms = np.take_along_axis(axes, longest[:, None, :], axis=2) * length[:, None, :]
@@ -88,7 +89,7 @@ def rotation_matrices(quaternions: Reals) -> Reals:
 
 
 def activate(asset: Asset, axes: int, real: type[Any] = np.float32) -> Activated:
-    """Return the activated parameters of an asset's Gaussians, computed in the type `real`.
+    """Return the activated parameters of an asset's Gaussians; `real` is the type of the numbers.
 
     The number `axes` is 3, or 2 for flat discs.
 
@@ -111,8 +112,8 @@ def activate(asset: Asset, axes: int, real: type[Any] = np.float32) -> Activated
 
 
 def covariances(deviation: Reals, rotation: Reals) -> Reals:
-    """Return xx, xy, xz, yy, yz, zz (N, 6) of the covariance R S S R^T; each sum runs from the first axis
-    to the last."""
+    """Return the covariance R S S R^T as xx, xy, xz, yy, yz, zz (N, 6). Each sum runs from the first axis to
+    the last."""
     m = rotation * deviation[:, None, :]
     pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
     terms = [m[:, i] * m[:, j] for i, j in pairs]

@@ -1,7 +1,7 @@
 """Gaussians of a `.splat` file: rows of 32 bytes without a header (antimatter15/splat).
 
-A row has mean and linear scale as float32 x 3, then bytes: red, green, blue, opacity, and a quaternion w,
-x, y, z as 128 q + 128. The format has no SH coefficients beyond degree 0.
+A row stores the mean and the linear scale as six float32 numbers. Eight bytes follow: red, green, blue,
+opacity, and the quaternion w, x, y, z as 128 q + 128. The format has no SH coefficients beyond degree 0.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ def read(data: memoryview) -> Gaussians:
         empty.
     """
     if len(data) % _ROW.itemsize:
-        raise damaged(f"it has {len(data)} bytes; a .splat file has {_ROW.itemsize} for each Gaussian")
+        raise damaged(f"the file has {len(data)} bytes; a .splat file has {_ROW.itemsize} for each Gaussian")
     check_count(len(data))
     rows = np.frombuffer(data, _ROW)
     rotation = (rows["rotation"].astype(np.float32) - 128) / np.float32(128)

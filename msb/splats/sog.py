@@ -17,7 +17,7 @@ from msb.splats.gaussians import DEGREES, Gaussians, Reals, check_count, damaged
 ReadImage = Callable[[str], NDArray[np.uint8]]
 # Number of palette entries in a row of the image with SH coefficients.
 _ENTRIES_PER_ROW = 64
-# The fourth byte of a quaternion is this number plus the index of the omitted component.
+# The fourth byte of a quaternion is 252 plus the index of the omitted component.
 _LARGEST_TAG = 252
 
 
@@ -39,7 +39,7 @@ def read(meta: Any, read_image: ReadImage) -> Gaussians:
         scale = model.values("scales", model.texels("scales")[:, :3])
         base = model.texels("sh0", width=4)
         f_dc = model.values("sh0", base[:, :3])
-        if model.version == 1:  # the opacity is stored as a logit with separate bounds
+        if model.version == 1:  # version 1 stores the logit of the opacity
             opacity = model.between("sh0", base / 255)[:, 3].astype(np.float32)
         else:
             opacity = to_logit(base[:, 3] / 255)
@@ -88,7 +88,7 @@ class _Model:
             text = f'"files" of "{name}" in meta.json must have {number + 1} names of files'
             raise CheckpointError("CHECKPOINT_LAYOUT", text, pointer=f"{name}/files")
         texels = self._read_image(files[number])
-        if texels.shape[2] < width:  # the encoder omitted an opaque alpha channel
+        if texels.shape[2] < width:  # the image has no alpha channel, so it is opaque
             opaque = np.full((*texels.shape[:2], 1), 255, np.uint8)
             texels = np.concatenate([texels, opaque], axis=2)
         return texels
@@ -102,8 +102,7 @@ class _Model:
         return texels[: self.count]
 
     def numbers(self, name: str, key: str, count: int) -> Reals:
-        """Return the array `key` of a part of meta.json, with at least `count` finite numbers; a single
-        number applies to all."""
+        """Return the array `key` of a part of meta.json. A single stored number is repeated `count` times."""
         stored = self.part(name).get(key)
         values: list[Any] = stored if isinstance(stored, list) else [stored] * count
         if len(values) < count or not all(type(v) in (int, float) and abs(v) < 1e300 for v in values):
@@ -112,25 +111,26 @@ class _Model:
         return np.array(values, np.float64)
 
     def between(self, name: str, shares: Reals) -> Reals:
-        """Return values between "mins" and "maxs" of a part, for fractions (..., channels) in [0, 1]."""
+        """Interpolate between "mins" and "maxs" of a part; `shares` (..., channels) are fractions in [0,
+        1]."""
         channels = shares.shape[-1]
         low, high = (self.numbers(name, key, channels)[:channels] for key in ("mins", "maxs"))
         return low + (high - low) * shares
 
     def values(self, name: str, bytes_: NDArray[np.uint8]) -> Reals:
-        """Return the values of bytes: entries of the codebook, or in version 1 fractions between the
-        bounds."""
+        """Decode bytes. Version 2 uses a codebook, and version 1 interpolates between two bounds."""
         if self.version == 1:
             return self.between(name, bytes_ / 255)
         values: Reals = self.numbers(name, "codebook", 256)[bytes_]
         return values
 
     def rest(self) -> Reals | None:
-        """Return f_rest (N, K, 3), or None without SH; each Gaussian has the index of a palette entry."""
+        """Return f_rest (N, K, 3), or None without SH. Each Gaussian stores the index of its palette
+        entry."""
         if "shN" not in self.meta:
             return None
         palette = self.image("shN", 0)[:, :, :3]
-        # A row of the palette's image has 64 entries of K texels each.
+        # Each row of the palette image contains 64 entries, and each entry has K texels.
         coefficients = palette.shape[1] // _ENTRIES_PER_ROW
         if coefficients * _ENTRIES_PER_ROW != palette.shape[1] or coefficients not in DEGREES:
             raise damaged(f"the palette of SH is {palette.shape[1]} texels wide; expected 192, 512 or 960")

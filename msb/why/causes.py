@@ -43,11 +43,11 @@ _Change = tuple[Asset, dict[str, Any]]
 
 
 def _draw_supersampling(views: CauseViews) -> _Pair:
-    """Compare images of one and of several samples per pixel."""
+    """Compare images with one sample per pixel and images with several samples per pixel."""
     if views.samples:
         return views.draw_native(settings=dict.fromkeys(views.samples, 1)), views.native
     if why_not(views.asset.manifest, "dedicated") is None:
-        raise DoesNotApplyError("its native renderer also takes one sample per pixel")
+        raise DoesNotApplyError("the native renderer takes only one sample per pixel")
     return views.standard.frames, views.standard.supersampled
 
 
@@ -80,7 +80,7 @@ def _draw_linear_colors(views: CauseViews) -> _Pair:
     if not mesh.textures:
         return interpret_as_linear(frames), frames
     if mesh.vertex_colors is None and mesh.face_colors is None:
-        raise DoesNotApplyError("its colours are textures, which glTF defines as sRGB")
+        raise DoesNotApplyError("the colours are textures, which glTF defines as sRGB")
     # The engine misinterprets only the vertex or face colours, not the whole image. The mesh must therefore
     # be rendered again.
     pale = replace(mesh, vertex_colors=_encode(mesh.vertex_colors), face_colors=_encode(mesh.face_colors))
@@ -103,16 +103,18 @@ def _draw_back_faces(views: CauseViews) -> _Pair:
 def _without_view_dependence(asset: Asset) -> _Change:
     """Return `asset` with colours that do not depend on the view direction."""
     if "sh_degree" not in lookup(asset.manifest.method).settings:
-        raise DoesNotApplyError("its colours are not spherical harmonics, so they cannot be made constant")
+        raise DoesNotApplyError(
+            "the colours are not spherical harmonics, so msb cannot make the colours constant"
+        )
     if not effective_settings(asset.manifest)["sh_degree"]:
-        raise DoesNotApplyError("its colours do not depend on the view direction")
+        raise DoesNotApplyError("the colours do not depend on the view direction")
     return asset, {"sh_degree": 0}
 
 
 def _with_full_opacity(asset: Asset) -> _Change:
     """Return `asset` with an opacity of 1 for all faces that its threshold selects."""
     if asset.manifest.opacity.get("encoding") != "logit" or "opacity" not in asset.buffers:
-        raise DoesNotApplyError("its faces have no opacity")
+        raise DoesNotApplyError("the faces have no opacity")
     stored = asset.buffers["opacity"]
     selected = visible_faces(asset, stored_threshold(asset))
     full = np.full_like(stored, _FULL_LOGIT)
@@ -124,12 +126,12 @@ def _with_hard_edges(asset: Asset) -> _Change:
     """Return `asset` with constant opacity up to the edges of each face, instead of soft edges."""
     kernel = str(asset.manifest.coverage["kernel"])
     if kernel == "solid":
-        raise DoesNotApplyError("its faces have hard edges already")
+        raise DoesNotApplyError("the faces have hard edges already")
     if kernel == "incentre_window" and "sigma" in asset.buffers:
         return _with_buffers(asset, sigma=np.full_like(asset.buffers["sigma"], _HARD_SIGMA)), {}
     settings = _HARD_SETTINGS.get(kernel, {})
     if not settings or settings.keys() - lookup(asset.manifest.method).settings.keys():
-        raise DoesNotApplyError(f"hard edges are not implemented for its coverage, {kernel}")
+        raise DoesNotApplyError(f"hard edges are not implemented for the coverage {kernel}")
     return asset, settings
 
 
@@ -148,7 +150,7 @@ def _with_buffers(asset: Asset, **buffers: NDArray[Any]) -> Asset:
 
 
 def _draw_exporter(views: CauseViews) -> _Pair:
-    """Compare the mesh of the method's official exporter with ours."""
+    """Compare the mesh of the method's official exporter with the mesh of msb."""
     ours = views.standard.frames
     try:
         exporter = official_exporter(views.asset.manifest.method)
@@ -156,7 +158,7 @@ def _draw_exporter(views: CauseViews) -> _Pair:
         raise DoesNotApplyError(error.message) from error
     suffix = next((suffix for suffix in exporter.SUFFIXES if suffix in list_written_suffixes()), None)
     if suffix is None:
-        raise DoesNotApplyError("its official exporter writes no mesh file that engines can open")
+        raise DoesNotApplyError("the official exporter writes no mesh file that engines can open")
     with tempfile.TemporaryDirectory(prefix="msb-why-", ignore_cleanup_errors=True) as folder:
         path = Path(folder) / f"official{suffix}"
         exporter.write(views.asset, path)
@@ -167,7 +169,7 @@ def _draw_exporter(views: CauseViews) -> _Pair:
 def _draw_unsorted(views: CauseViews) -> _Pair:
     """Compare images of faces drawn in stored order with images of faces sorted by depth."""
     if views.asset.manifest.compositing.get("kind") == "opaque_z_buffer":
-        raise DoesNotApplyError("it is drawn with a z-buffer, which needs no sorting")
+        raise DoesNotApplyError("the mesh is drawn with a z-buffer, which needs no sorting")
     return views.draw_native(order="none"), views.native
 
 
@@ -189,8 +191,8 @@ def _to_srgb(linear: Image) -> Image:
     return np.where(linear <= 0.0031308, 12.92 * linear, curve).astype(np.float32)
 
 
-# Causes that affect every opaque mesh in every engine. For each cause, a function removes the property from
-# the model.
+# Causes that affect every opaque mesh in every engine. Each function removes one property from the model, for
+# example the soft edges.
 BAKED: dict[str, Callable[[Asset], _Change]] = {
     "view_dependence": _without_view_dependence,
     "opacity": _with_full_opacity,

@@ -41,10 +41,10 @@ def why(
 
     The asset is rendered with and without each cause. All other settings stay unchanged. Differences are
     clearly visible below 30 dB and invisible above 40 dB. The last lines compare the standard-tier mesh with
-    the native rendering. This comparison measures the loss of all causes together. The report also separates
-    the loss that engine settings can avoid from the loss that needs a bake. Without --cameras the training
-    cameras beside the asset are used. If the asset has no training cameras, cameras around the asset are
-    used.
+    the native rendering. This comparison with the native rendering measures the loss of all causes together.
+    The report also separates the loss that engine settings can avoid from the loss that needs a bake. Without
+    --cameras the training cameras beside the asset are used. If the asset has no training cameras, cameras
+    around the asset are used.
     """
     from msb.api.command_files import open_asset
     from msb.errors import about
@@ -146,7 +146,8 @@ def _format_db(db: float | None) -> str:
 
 
 def _describe_total(causes: Causes, quiet: bool) -> Iterator[str]:
-    """Yield the loss of the standard-tier mesh, and its parts that settings or a bake can avoid, as text."""
+    """Yield lines of text about the loss of the standard-tier mesh. The text separates the loss that settings
+    avoid from the loss that a bake avoids."""
     from msb.why.total import TITLE
 
     total = causes.total
@@ -157,8 +158,8 @@ def _describe_total(causes: Causes, quiet: bool) -> Iterator[str]:
         return
     sampled = "" if total.right == total.db else f" Supersampled as in training: {_format_db(total.right)}."
     yield (
-        "- This is not the sum of the causes above. It can be better than a single cause that is an engine "
-        f"setting.{sampled} With every engine setting wrong (lit, back faces culled, colours interpreted as "
+        "- The loss of the mesh is not the sum of the causes above. A single wrong engine setting can cost "
+        f"more.{sampled} With every engine setting wrong (lit, back faces culled, colours interpreted as "
         f"linear): {_format_db(total.wrong)}."
     )
     texts = {cause.name: f"{cause.title.lower()} ({_format_db(cause.db)})" for cause in causes}

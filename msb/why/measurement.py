@@ -147,7 +147,7 @@ def _measure_cause(definition: CauseDefinition, views: CauseViews) -> Cause:
         with_it, without = definition.draw(views)
     except DoesNotApplyError as error:
         return Cause(definition.name, definition.title, False, None, str(error), *texts)
-    # For each view, the sum of squared errors and the number of values, (views, 2).
+    # An array (views, 2): the sum of squared errors and the number of values of each view.
     errors = squared_errors(with_it, without)
     worst = int(np.argmax(errors[:, 0] / errors[:, 1]))
     return Cause(

@@ -46,7 +46,7 @@ class Total:
     bakes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the record for `msb why --json`. If images are equal, the number is null."""
+        """Return the record for `msb why --json`. If the images are equal, the PSNR is null."""
         return {
             "db": _finite(self.db),
             "equal": self.db is not None and self.db >= EQUAL,
@@ -61,7 +61,7 @@ def _finite(db: float | None) -> float | None:
 
 
 def measure_total(views: CauseViews, losses: Mapping[str, float | None]) -> Total:
-    """Return the loss of the standard-tier mesh. `losses` has the PSNR in dB of each cause alone."""
+    """Return the loss of the standard-tier mesh. `losses` contains the PSNR in dB for each single cause."""
     try:
         native, standard = views.native, views.standard
     except DoesNotApplyError as error:

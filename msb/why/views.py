@@ -43,8 +43,8 @@ class _StandardImages(NamedTuple):
     frames: list[Frame]
     # Without back faces.
     culled: list[Frame]
-    # Images with as many samples per pixel as the native renderer, or with 16 if the method has no native
-    # renderer.
+    # Images with the samples per pixel of the native renderer. Without a native renderer, an image has 16
+    # samples per pixel.
     supersampled: list[Image]
 
 
@@ -56,8 +56,8 @@ class CauseViews:
     chosen : msb.views.ChosenViews
         The cameras that see the asset.
     samples : dict
-        The samples per pixel along each axis, by the name of the native renderer's setting. The mapping is
-        empty if the renderer takes one sample per pixel.
+        The samples per pixel along each axis, by the name of the native renderer's setting. If the renderer
+        takes one sample per pixel, `samples` is empty.
     """
 
     def __init__(
@@ -73,8 +73,8 @@ class CauseViews:
         for name in _SAMPLING_SETTINGS:
             if isinstance(value := values.get(name), int) and value > 1:
                 self.samples[name] = value
-        # Render the standard tier first. If all images show the asset, a separate visibility test is
-        # unnecessary.
+        # Render the standard tier first. If the asset is visible in all images, no separate visibility test
+        # is needed.
         self._standard = None if why_not(asset.manifest, "standard") else self._draw_standard(views.cameras)
         frames = [] if self._standard is None else self._standard.frames
         covered = {number: share for number, frame in enumerate(frames) if (share := measure_coverage(frame))}
@@ -88,7 +88,7 @@ class CauseViews:
     def draw_native(self, asset: Asset | None = None, **options: Any) -> list[Image]:
         """Return native renderings of `asset`, with options of `Renderer`.
 
-        The default is the stored asset.
+        If `asset` is None, draw the stored asset.
         """
         self._check("dedicated")
         settings = options.pop("settings", {})
@@ -181,7 +181,7 @@ class _CullingRenderer(StandardRenderer):
     @in_turn
     def select(self, mask: NDArray[np.bool_]) -> None:
         """Draw only the faces of `mask` (F,) in the following frames."""
-        # Memory reports show the names of the scratch buffers.
+        # The names of the scratch buffers appear in memory reports.
         flags = self._scratch("shown faces", self._faces, np.uint8)
         flags.write(mask.view(np.uint8))
         records = self._scratch("shown triangles", self._all.records.shape)

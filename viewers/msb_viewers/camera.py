@@ -11,12 +11,12 @@ from msb_viewers.model import ViewModel
 
 # Vertical field of view in radians.
 FOV_Y = math.radians(30)
-# Angles of the first view in radians. The first view shows three sides of an object, none of them edge-on.
+# Angles of the first view in radians. The first view shows three sides of an object at oblique angles.
 AZIMUTH, ELEVATION = math.radians(35), math.radians(20)
-# Distance of the first view, as a multiple of the smallest distance at which the whole mesh is visible.
+# Distance of the first view. At distance 1 the whole mesh just fits into the view.
 _MARGIN = 1.04
-# Distance from an element, in radii of the faces around it. The faces around the element then fill about half
-# of the window.
+# Distance between the camera and an element. The unit is the radius of the faces around the element. The
+# faces around the element then fill about half of the window.
 _NEIGHBOURHOOD = 4.5
 
 
@@ -49,8 +49,8 @@ def up_vector(axis: str) -> NDArray[np.float64]:
 
 
 def default_pose(axis: str, aspect: float) -> Pose:
-    """Return the first view of a mesh. The unit sphere fills an area whose ratio of width to height is
-    `aspect`."""
+    """Return the first view of a mesh. The unit sphere fills an area; `aspect` is the width of this area
+    divided by its height."""
     up = up_vector(axis)
     # Compute the two other axes, so that (first, second, up) is a right-handed frame.
     first = np.roll(np.abs(up), 1)
@@ -64,13 +64,13 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
     """Return a view of an element with `vertices` (k,). If possible, no other face hides the element.
 
     The result is None if the element has no finite position. The direction is chosen among about 100
-    candidates. The most important criterion is that no faces are between element and camera. Among the
-    directions with the fewest faces in between, the function prefers frontal views of the element's faces,
-    and views close to the `current` view.
+    candidates. The most important criterion is that no faces are between element and camera. If several
+    directions have equally few faces in between, frontal views of the element are preferred. Views close to
+    the `current` view are also preferred.
     """
     if not bool(model.finite(vertices[None])[0]):
         return None
-    # Find the faces at the element, their radius, and the distance of the camera.
+    # Find the faces at the element and their radius, and compute the camera distance.
     points, faces = model.points, model.faces
     target = points[vertices].astype(np.float64).mean(axis=0)
     touching = np.zeros(len(points), bool)
@@ -88,8 +88,8 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
     normals = _normals(points[faces[nearby]].astype(np.float64))
     directions = np.concatenate([prefer[None], normals, -normals, sphere(48)])[:120]
     facing = np.abs(directions @ normals.T).mean(axis=1) if len(normals) else np.ones(len(directions))
-    # Cast rays from the centre and from points near the vertices, and count the faces that the rays hit,
-    # (m,).
+    # Cast rays from the centre and from points near the vertices. Count the hit faces for each of the m
+    # directions.
     spots = [target, *(target + 0.7 * (points[vertices].astype(np.float64) - target))]
     triangles = points[faces[blockers]].astype(np.float64)
     hidden = sum(_hits(triangles, spot, directions, distance) for spot in spots)
@@ -103,8 +103,10 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
 
 
 def component_pose(model: ViewModel, component: int, current: Pose, aspect: float) -> Pose | None:
-    """Return a view in the current direction whose image a component fills; None if the component has no
-    drawn face."""
+    """Return a view in the current direction, in which the component fills the image.
+
+    The result is None if the component has no drawn face.
+    """
     faces = model.faces[model.faces_of(component)]
     if len(faces) == 0:
         return None
@@ -117,7 +119,8 @@ def component_pose(model: ViewModel, component: int, current: Pose, aspect: floa
 
 
 def _fitting_distance(aspect: float) -> float:
-    """Return the distance from which a sphere fills a window with this aspect, in radii of the sphere."""
+    """Return the distance at which a sphere fills a window with this aspect. The unit is the radius of the
+    sphere."""
     narrow = min(FOV_Y, 2 * math.atan(math.tan(FOV_Y / 2) * max(aspect, 0.1)))
     return _MARGIN / math.sin(narrow / 2)
 
@@ -126,8 +129,8 @@ def _may_reach(
     points: NDArray[np.float32], faces: NDArray[Any], target: NDArray[np.float64], reach: float
 ) -> NDArray[np.bool_]:
     """Return a mask (F,) of faces that may intersect the cube around `target` with half-width `reach`."""
-    # Each vertex has six bits, one for each side of the cube. A bit is set if the vertex is outside that
-    # side. If all vertices of a face have the same bit, the face is outside.
+    # Each vertex has six bits, one for each side of the cube. A bit is set if the vertex is outside that side
+    # of the cube. If all vertices of a face have the same bit, the face is outside.
     code = np.zeros(len(points), np.uint8)
     for axis in range(3):
         away = points[:, axis] - np.float32(target[axis])
@@ -142,7 +145,8 @@ def _hits(
     directions: NDArray[np.float64],
     reach: float,
 ) -> NDArray[Any]:
-    """Return the number of triangles (n, 3, 3) that each of m rays hits, for unit directions (m, 3).
+    """Cast m rays in unit directions (m, 3). Return for each ray the number of triangles (n, 3, 3) that it
+    hits.
 
     Rays start at `origin` and have the length `reach`.
     """

@@ -18,7 +18,7 @@ _CLICK = 4
 # Priority of the event handlers below. These event handlers must run before the handlers of VTK's
 # interactor style, because that style also uses most keys.
 _FIRST = 10.0
-# For the name of a key in VTK or X11, or for a second key of an action, the name in `TopologyControls.keys`.
+# Names of VTK or X11 keys, and the names of the same keys in `TopologyControls.keys`.
 _NAMES = {
     "[": "bracketleft",
     "]": "bracketright",
@@ -216,7 +216,7 @@ def _listen(target: Any, event: str, handler: Callable[[], bool]) -> None:
 
 
 def _free_name(name: str) -> Path:
-    """Return an unused file name in the current folder for a screenshot of the file `name`."""
+    """Return an unused file name in the current folder for a screenshot. The file name begins like `name`."""
     stem = Path(name).stem or "mesh"
     number = 1
     while (path := Path(f"{stem}_view_{number}.png")).exists():

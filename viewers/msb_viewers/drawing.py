@@ -43,7 +43,7 @@ _TEXEL = """
   gl_FragData[0] = vec4(mix(12.92 * light, curve, step(0.0031308, light)), 1.0);
 """
 _WRAP_CODE = {
-    # GLSL code that wraps the texture coordinate {c}. This code is needed if u and v wrap differently,
+    # GLSL code that wraps the texture coordinate {c}. The code is needed if u and v wrap differently,
     # because VTK has a single wrap mode for both coordinates. {rim} is half a texel.
     "repeat": "",
     "mirror": "place.{c} = clamp(1.0 - abs(mod(place.{c}, 2.0) - 1.0), {rim}, 1.0 - {rim}); ",
@@ -114,12 +114,12 @@ def textured(
 
     The texture is multiplied by corner colours `tint` (3n, 4), and is not drawn where alpha is below
     `cutoff`. Filtering and multiplication are in linear light, as on the standard tier (opaque rendering).
-    There is one difference: tints are decoded at each pixel here, but at each corner on the standard tier.
+    The standard tier decodes tints at each corner; this actor decodes tints at each pixel.
     """
     from vtkmodules.vtkCommonDataModel import vtkImageData
     from vtkmodules.vtkRenderingCore import vtkTexture
 
-    # The surface with white or tinted corners, and texture coordinates.
+    # Create the surface with texture coordinates and corner colours; without tints, the corners are white.
     white = np.full((faces.size, 4), 255, np.uint8) if tint is None else tint
     actor = surface(points, faces, white, "corner")
     actor.GetMapper().GetInput().GetPointData().SetTCoords(_vtk(uvs.reshape(-1, 2)))

@@ -15,9 +15,9 @@ from msb_viewers.model import ViewModel
 from msb_viewers.palette import FAN_COLORS, INK, STYLES
 from msb_viewers.sheet import Panel, list_panel
 
-# Minimum displacement of a fan, in radii of the faces at the vertex.
+# Minimum distance by which a fan is moved. The unit is the radius of the faces at the vertex.
 _APART = 0.6
-# Length of the arc that each fan takes on the circle, in radii of the faces at the vertex.
+# Length of the arc for each fan on the circle. The unit is the radius of the faces at the vertex.
 _ROOM = 0.9
 # Maximum number of fans that are drawn. More fans would overlap in the drawing; the text counts all fans.
 _MOST_FANS = 12
@@ -29,8 +29,9 @@ _MOST_LINES = 8
 class Fan:
     """A fan: its faces (n,), and the positions of these faces in the drawing.
 
-    `triangles` (n, 3, 3) are relative to the vertex, in radii of its neighbourhood, and moved by `offset`.
-    `boundary` and `crowded` (k, 2, 3) are edges at the vertex with one face, and with more than two faces.
+    `triangles` (n, 3, 3) are relative to the vertex and moved by `offset`. The unit is the radius of the
+    faces at the vertex. `boundary` (k, 2, 3) contains the edges at the vertex with one face. `crowded` (k, 2,
+    3) contains the edges with more than two faces.
     """
 
     number: int
@@ -66,7 +67,7 @@ class Neighbourhood:
         return f"non-manifold: {self.fan_count} fans ({', '.join(kinds)})"
 
     def lines(self) -> list[str]:
-        """Return a line of text for each drawn fan, and for the number of other fans."""
+        """Return one line of text for each drawn fan, and a last line with the number of hidden fans."""
         texts = [
             f"fan {fan.number}: {_plural(len(fan.faces), 'face')}, {'closed' if fan.closed else 'open'}"
             for fan in self.fans
@@ -89,7 +90,7 @@ def find_neighbourhood(model: ViewModel, vertex: int) -> Neighbourhood:
     radius = float(np.linalg.norm(triangles, axis=2).max(initial=0.0)) or 1.0
     triangles /= radius
     fan_numbers, part = np.unique(fan_of, return_inverse=True)
-    # The largest fans are first, because they resemble the surface.
+    # Sort the fans by size, the largest fan first.
     order = np.argsort(-np.bincount(part, minlength=len(fan_numbers)), kind="stable")[:_MOST_FANS]
     # Move each fan along the direction of its centroid in the view plane.
     frame = _frame(triangles, part)
@@ -159,7 +160,8 @@ def _spread(directions: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _frame(triangles: NDArray[np.float64], part: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the axes (3, 3) of a view that shows all fans well; they point right, up and towards the camera.
+    """Return the axes (3, 3) of a view that shows all fans well. The rows point right, up and towards the
+    camera.
 
     `part` (n,) is the fan of each of the `triangles` (n, 3, 3).
     """
@@ -276,7 +278,7 @@ def number_label(fan: Fan, scale: float) -> Any:
 
 
 def size_of(window: tuple[int, int], panel: Panel) -> int:
-    """Return the side, in pixels, of the square for the fans below the text."""
+    """Return the side length in pixels of the square below the text, in which the fans are drawn."""
     width, height = window
     return max(min(int(panel.image.shape[1]), height - int(panel.image.shape[0]) - 40, width // 3), 60)
 

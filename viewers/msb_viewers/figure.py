@@ -26,12 +26,11 @@ if TYPE_CHECKING:
 
 # Side of an image in pixels: 3.2 inches on paper at 200 dots per inch.
 _SIDE = 640
-# Distance of a close-up, relative to the distance of `element_pose`.
+# Factor for the camera distance of a close-up; `element_pose` gives the distance for factor 1.
 _CLOSER = 0.9
 # Dots per inch of the file.
 _DPI = 130
-# Lines and markers are enlarged by this factor, because each image of the figure is reduced to about 400
-# pixels.
+# Scale of lines and markers. Each image of the figure is later reduced to about 400 pixels.
 _BOOST = 1.4
 
 
@@ -44,7 +43,7 @@ class Column:
     kinds: tuple[str, ...]
     # The colouring of the mesh.
     coloring: str
-    # The text that replaces the close-up if the mesh has no such element.
+    # The text that replaces the close-up if the mesh has no element of this kind.
     nothing: str
 
 
@@ -126,7 +125,7 @@ def _close_up(viewer: TopologyViewer, column: Column) -> Pose | None:
     else:
         if len(model.sizes) < 2:
             return None
-        # The element is one of the 12 largest components after the first.
+        # Find faces of the second to the thirteenth largest component.
         first = np.flatnonzero((model.face_component >= 1) & (model.face_component <= 12) & model.drawn)
         candidates = model.faces[first]
     if len(candidates) == 0:

@@ -50,10 +50,10 @@ class GlProbe:
 
     @classmethod
     def start(cls) -> GlProbe:
-        """Start the test whether VTK can draw."""
+        """Start the test of VTK."""
         need_extra("view", "pyvista", "vtkmodules", what="the viewer", instead="--html works without it")
         if sys.platform in ("win32", "darwin"):
-            return cls(None)  # OpenGL is part of this system
+            return cls(None)  # Windows and macOS contain OpenGL
         command = [sys.executable, "-c", PROBE]
         quiet = subprocess.DEVNULL
         return cls(subprocess.Popen(command, stdin=quiet, stdout=subprocess.PIPE, stderr=quiet, text=True))

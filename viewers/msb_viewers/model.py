@@ -31,8 +31,8 @@ _WORST_FIRST = (
 _VISIBLE_AT_FIRST = 12_000
 # Number of vertices that are sampled for the first view.
 _FRAMING_SAMPLE = 100_000
-# Ratio of two sphere radii: around all vertices, and around 95 % of them. Above this ratio, the first view
-# ignores distant vertices.
+# Ratio of the radii of two spheres: a sphere around all vertices, and a sphere around 95 % of the vertices.
+# Above this ratio, the first view leaves out distant vertices.
 _FAR_OUT = 4.0
 
 
@@ -97,7 +97,8 @@ class ViewModel:
         return self.audit.judged.topology == "triangle_soup" and len(self.faces) > 1
 
     def row_in_file(self, vertex: int) -> int:
-        """Return the number of a vertex in the file; if vertices are merged at seams, the first of them."""
+        """Return the number of a vertex in the file. A vertex that was merged at seams has several numbers;
+        the function returns the first of these numbers."""
         return vertex if self.seams is None else int(self.seams.first[vertex])
 
     def vertex_of_row(self, row: int) -> int | None:
@@ -133,7 +134,8 @@ class ViewModel:
         return visible
 
     def positions(self, kind: str, *, component: int | None = None) -> NDArray[np.float32]:
-        """Return the vertex positions (n, k, 3) of a layer's drawable elements, in one or all components."""
+        """Return the vertex positions (n, k, 3) of the elements of a layer that can be drawn. `component`
+        selects one component; None selects all components."""
         return np.asarray(self.points[self.layers[kind].vertices[self.rows(kind, component)]])
 
     def rows(self, kind: str, component: int | None = None) -> NDArray[Any]:
@@ -150,7 +152,7 @@ class ViewModel:
         if layer.style.of == "face":
             return np.asarray(inside[layer.numbers])
         if layer.style.of == "edge":
-            # All faces at an edge belong to one component. Use the first face of the edge.
+            # All faces at an edge belong to the same component. Use the first face of the edge.
             mesh = self.analysis.mesh
             return np.asarray(inside[mesh.edge_halfedges[mesh.edge_offsets[layer.numbers]] // 3])
         marked = np.zeros(len(self.points), bool)
@@ -198,7 +200,7 @@ class ViewModel:
 def build_model(
     mesh: ViewedMesh, audit: Audit, analysis: Analysis, stored: Analysis | None = None
 ) -> ViewModel:
-    """Return the data of a view of `mesh`, with its `audit` and `analysis` from `audit_arrays`.
+    """Return the data of a view of `mesh`. `audit` and `analysis` are the results of `audit_arrays`.
 
     If the seams of `mesh` are merged (`merge_seams`), `stored` is the analysis of the mesh in the file.
 
@@ -265,9 +267,10 @@ def frame_vertices(
 ) -> tuple[NDArray[np.float64], float, str | None]:
     """Return centre and radius of the sphere of the first view, and a note if some vertices are outside.
 
-    Only `vertices` (V, 3) with a true value in `use` (V,) count. Usually the sphere is centred in the
-    bounding box of these vertices and contains all of them. A few distant vertices, such as an outdoor
-    background, can make the sphere very large. In this case the sphere contains only 95 % of the vertices.
+    The sphere is computed from the `vertices` (V, 3) for which `use` (V,) is true. Usually the sphere is
+    centred in the bounding box of these vertices and contains all of them. A few distant vertices, such as an
+    outdoor background, can make the sphere very large. If there are distant vertices, the sphere contains
+    only 95 % of the vertices.
     """
     # Compute the sphere of all vertices.
     rows = np.flatnonzero(use)

@@ -152,8 +152,7 @@ function cornerColors() {
   } else for (let i = 0; i < faces.length; i++) put(i, meta.grey, 0);
   return out;
 }
-// Upload the textures, scaled down to the maximum size of the GPU. Textures in sRGB format are filtered in
-// linear light.
+// Upload the textures, scaled down to the maximum size of the GPU. The GPU filters sRGB textures in linear light.
 async function textures() {
   const { filter, mipmaps, wrap_u, wrap_v } = meta.skin, largest = gl.getParameter(gl.MAX_TEXTURE_SIZE);
   const wrap = { repeat: gl.REPEAT, clamp: gl.CLAMP_TO_EDGE, mirror: gl.MIRRORED_REPEAT };

@@ -25,7 +25,7 @@ LARGE = 2_000_000
 def write_page(
     model: ViewModel, path: Path, *, state: ViewState | None = None, up: str | None = None
 ) -> None:
-    """Write the page of `model`. `state` and `up` are those of `TopologyViewer`."""
+    """Write the page of `model`. `state` and `up` have the same meaning as in `TopologyViewer`."""
     from msb.base.atomic import new_file
 
     with new_file(path) as file:

@@ -34,7 +34,7 @@ def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
     placed = rotate_axis(after.vertices, after.up, before.up)  # files such as .glb are rotated upright
     old, new = mesh_arrays(before.vertices, before.faces), mesh_arrays(placed, after.faces)
     change = find_difference(old, new)
-    # The mesh before the repair, followed by the added faces and the vertices after the repair.
+    # Append the added faces and the vertices after the repair to the arrays of the mesh before the repair.
     (points, faces), count = old, len(old[1])
     added = new[1][change.added].astype(np.int64) + len(points)
     union = replace(

@@ -66,7 +66,7 @@ def font(size: int, *, bold: bool = False) -> FreeTypeFont | ImageFont:
 class Sheet:
     """An image with text that is written from top to bottom.
 
-    `draw_panel` draws the image twice; the first time finds the height.
+    `draw_panel` draws the image twice. The first pass measures the height.
     """
 
     def __init__(self, width: int, height: int, scale: float) -> None:

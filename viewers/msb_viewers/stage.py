@@ -17,7 +17,7 @@ _MOST_FACES, _LEAST_FACES = 300_000, 30_000
 # While the view moves, the full mesh is drawn only if a frame takes at most this many seconds (20 frames
 # per second).
 _FLUID_SECONDS = 0.05
-# While the view moves, a layer may draw as many elements as the face budget divided by this number.
+# While the view moves, each layer draws at most (face budget) / _MARKS elements.
 _MARKS = 5
 # Lines and markers have their full size if the median edge is at least this long, in pixels.
 _FULL_SIZE = 40.0
@@ -32,8 +32,9 @@ class Stage:
     """The actors of a model. Actors (VTK objects to draw) are created when needed, and kept as long as they
     are valid.
 
-    While the view is `moving`, simplified meshes are drawn if `seconds`, the time of the last full frame, is
-    too long.
+    `seconds` is the time of the last full frame. If the last full frame took too long, simplified meshes are
+    drawn while the view is `moving`.
+
     `boost` enlarges lines and markers for images that are printed small.
     """
 
@@ -93,7 +94,7 @@ class Stage:
     def _sync_layers(self, state: ViewState) -> None:
         """Create, show and hide the actors of the layers."""
         if state.through != self._through:
-            # Actors in the other renderer are drawn over the surface.
+            # Layers in the other renderer are drawn over the surface.
             self._through = state.through
             self._forget_layers(set(self._layers))
         self._forget_layers({kind for kind, entry in self._layers.items() if entry[0] != state.component})
@@ -244,11 +245,12 @@ def face_budget(faces: int, seconds: float) -> int | None:
 def simplify(
     points: NDArray[np.float32], faces: NDArray[Any], target: int = _MOST_FACES
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the faces (f, 3) of a simplified mesh, and the original faces (f,) that give their colours.
+    """Return the faces (f, 3) of a simplified mesh. The second result (f,) lists the original faces from
+    which these faces take their colours.
 
-    The number of faces is `target` within a factor of two. Method: vertex clustering (J. Rossignac and P.
-    Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993). The function takes O(V +
-    F) time, and sorts at most 4 `target` faces.
+    The number of faces is between half of `target` and twice `target`. The method is vertex clustering
+    (Rossignac and Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993). The
+    function takes O(V + F) time, and sorts at most 4 `target` faces.
     """
     # If there are very many faces, use a random sample.
     sample = np.arange(len(faces))
@@ -259,8 +261,8 @@ def simplify(
     if len(some) == 0:
         return some, sample
     low, high = points[some].reshape(-1, 3).min(axis=0), points[some].reshape(-1, 3).max(axis=0)
-    # In a grid of n^3 cells, a surface intersects a small multiple of n^2 cells, with about four faces per
-    # cell.
+    # In a grid of n^3 cells, a surface intersects a small multiple of n^2 cells. Each of these cells contains
+    # about four faces.
     cells = max(int(np.sqrt(target / 4)), 8)
     size = max(float((high - low).max()) / cells, 1e-9)
     # Replace each vertex by the first vertex in its cell, (V,).

@@ -147,7 +147,8 @@ class ViewState:
         self.message = "Layers are drawn over the surface" if self.through else "The surface hides layers"
 
     def step(self, by: int) -> bool:
-        """Select the next (+1) or previous (-1) element of the active layer; return whether it exists."""
+        """Select the next (+1) or previous (-1) element of the active layer. Return whether this element
+        exists."""
         layer = self.model.layers[self.active]
         label = layer.style.label
         rows = self.model.rows(self.active, self.component)

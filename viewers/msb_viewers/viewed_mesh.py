@@ -15,7 +15,7 @@ from msb.topology.arrays import mesh_arrays
 from msb.topology.seams import Attributes, Seams, find_seams
 
 Domain = Literal["vertex", "face", "corner"]
-NO_COLOR = "its colours depend on the view direction; drawn in grey"
+NO_COLOR = "the colours depend on the view direction, so the mesh is grey"
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +54,10 @@ class Skin:
 class ViewedMesh:
     """A stored mesh, whose values are not checked.
 
-    For a mesh with a `skin` the `colors` are sampled at the corners, for drawing without textures. `up` is an
-    axis such as "+y", or "unknown". `notes` are messages about the drawing. `attributes` are vertex
-    attributes that can have seams, where vertices are duplicated. `seams` is set if the seams are merged.
+    If the mesh has a `skin`, `colors` contains the texture colours at the corners, for drawing without
+    textures. `up` is an axis such as "+y", or "unknown". `notes` are messages about the drawing. `attributes`
+    are vertex attributes that can have seams, where vertices are duplicated. `seams` describes the merged
+    seams, or is None.
     """
 
     name: str
@@ -102,7 +103,7 @@ def viewed_mesh(mesh: StoredMesh, path: Path) -> ViewedMesh:
 
 
 def merge_seams(mesh: ViewedMesh) -> tuple[ViewedMesh, Analysis]:
-    """Return `mesh` with merged seams, as judged by the verdict, and its analysis.
+    """Merge the seams of `mesh` in the same way as the verdict. Return the mesh and its analysis.
 
     Colours of vertices move to corners, so that the drawn mesh does not change.
     """

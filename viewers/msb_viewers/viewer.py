@@ -215,7 +215,8 @@ class TopologyViewer:
     def pick(self, x: float, y: float) -> int | None:
         """Select, among the vertices of the face at a pixel, the vertex nearest to the pixel. Return the
         selected vertex, or None."""
-        # Compute the ray through the pixel from its points on the near and far planes.
+        # Find one point on the near plane and one on the far plane; both points define the ray through the
+        # pixel.
         width, height = self.size
         back = inverse(self._matrix())
         device = np.array([2 * x / width - 1, 1 - 2 * y / height])

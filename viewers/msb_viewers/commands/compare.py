@@ -30,7 +30,7 @@ class CompareOptions:
     scene: Annotated[
         Path | None,
         Option(
-            "Show the test views of a dataset's scene, with image size, photographs and background as in "
+            "Show the test views of a dataset's scene. Image size, photographs and background are as in "
             "msb run. --camera train or all selects other views.",
             metavar="DIR",
         ),
@@ -94,8 +94,8 @@ def compare(
 
     Images are shown side by side, with a wipe, or as a map of their difference with the PSNR. --html writes a
     page of all views, which can switch between these layouts. --screenshot writes an image of the first view.
-    Without --cameras and --scene, the command uses the training cameras if it finds them next to the model,
-    otherwise a turntable.
+    If neither --cameras nor --scene is given, the command uses the training cameras next to the model. A
+    model without training cameras is shown from a turntable.
     """
     if options.scene is not None:
         typed.reject(["cameras"], "cannot be combined with --scene, which has its own cameras")

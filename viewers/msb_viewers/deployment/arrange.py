@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from msb_viewers.deployment.state import Layout
 
-# Heights of gaps, title, captions and the colour scale of differences, in pixels at scale 1.
+# Heights in pixels at scale 1: a gap, the title, a caption, and the colour scale of differences.
 _GAP, _HEAD, _CAPTION, _BAR = 10, 72, 64, 48
 # Minimum width and height of a panel in pixels.
 _LEAST = 16
@@ -21,7 +21,7 @@ _THUMBNAIL = 0.3
 class Box:
     """A rectangle of pixels, counted from the top left corner.
 
-    `right` is the first column to the right of the rectangle, and `bottom` the first row below it.
+    `right` and `bottom` are the first column and the first row outside of the rectangle.
     """
 
     left: int

@@ -30,13 +30,13 @@ from msb_viewers.deployment.state import LAYOUTS, CompareState, Layout
 from msb_viewers.deployment.views import View, scene_views, views_at
 from msb_viewers.sheet import write_png
 
-# Turntable for models without cameras: the number of views, and their width and height in pixels. Views of
-# training cameras are scaled down to an equal longest side.
+# Turntable for models without cameras: the number of views, and their width and height in pixels. Large
+# images of training cameras are scaled down to a longest side of 640 pixels.
 TURNTABLE = (8, 640, 480)
 
 Note = Callable[[str], None]
-# A context that counts the rendered views; it takes a title and a total, and yields a function to call
-# after each view.
+# A context manager that counts the rendered views. The arguments of the context manager are a title and a
+# total. The context manager yields a function to call after each view.
 Counted = Callable[[str, int], AbstractContextManager[Callable[[], None]]]
 
 
@@ -94,17 +94,17 @@ def compare(
     asset : Asset or path-like
         The asset, or a path that `msb.open` accepts.
     scene : path-like, optional
-        The views and their photographs: the folder of a dataset's scene, whose test views are compared like
-        with `msb compare --scene`, or a file of cameras (`msb.read_cameras`). Default: the training cameras
-        if they are found next to the model, otherwise a turntable.
+        The views and their photographs. A folder is a scene of a dataset, and its test views are compared.
+        A file contains cameras (`msb.read_cameras`). By default, the training cameras next to the model are
+        used. A model without training cameras is shown from a turntable.
     html, screenshot : path-like, optional
-        Write a page of all views, and an image (.png) of the first view. Without `html`, a `screenshot`
-        renders only the first view.
+        Write a page of all views, and an image (.png) of the first view. If only `screenshot` is given,
+        only the first view is rendered.
     overwrite : bool
         Replace existing files.
     views : sequence of str
-        Names or numbers of the cameras of `scene`; for a folder also "train" or "all". Default: the test
-        views of a folder, all cameras of a file.
+        Names or numbers of the cameras of `scene`; for a folder also "train" or "all". By default, the test
+        views of a folder, or all cameras of a file.
     tiers : sequence of str
         One or more of "reference", "dedicated", "standard", "baked" and "truth" (photographs). Default: all
         tiers.
@@ -192,8 +192,7 @@ def compare(
 class Request:
     """The views, renderer tiers and options of a comparison.
 
-    `cameras` selects the views, either from a file of cameras or from a dataset's scene in the folder
-    `scene`.
+    `cameras` selects the views. The views come from a file of cameras, or from the dataset folder `scene`.
     """
 
     cameras: ViewOptions
@@ -243,8 +242,8 @@ class Request:
         tiers, missing = choose_tiers(asset, views, self.tiers or None, baked=self.baked)
         if not self.tiers and "reference" not in tiers:
             text = (
-                f"{asset.manifest.face_count:,} faces take minutes per view; name this tier in --tiers to "
-                "include it"
+                f"{asset.manifest.face_count:,} faces take minutes per view; to include this tier, "
+                "name it in --tiers"
             )
             note(f"{name}: the reference tier is omitted: {text}")
         effective_settings(asset.manifest, self.settings)  # rejects invalid settings
@@ -264,15 +263,15 @@ class Request:
         return Comparison(*content, self.device, self.baked)
 
     def _choose(self, asset: Asset) -> tuple[list[View], str]:
-        """Return the views for a model without a scene, and a description of the views; `up` sets the axis
-        of a turntable."""
+        """Return views for a model without a scene, and a description of the views. A turntable rotates about
+        the axis `up`."""
         chosen = choose_views(asset, device=self.device, kind=self.cameras.kind)
         if chosen.origin == "turntable":
             cameras = make_turntable(asset, *TURNTABLE, up=self.up)
             views = [View(f"view {index}", camera, why="") for index, camera in enumerate(cameras, 1)]
             return views, chosen.description
         views = views_at(chosen.cameras, chosen.place or Path(), None, None)
-        # Scale down large views of the training.
+        # Scale down large training views.
         sizes = [min(1.0, max(TURNTABLE[1:]) / max(view.camera.width, view.camera.height)) for view in views]
         return [
             replace(view, camera=view.camera.scaled(size)) for view, size in zip(views, sizes, strict=True)
@@ -291,12 +290,13 @@ def write(
     size: tuple[int, int],
     counted: Counted = _uncounted,
 ) -> Compared:
-    """Render the views, and write the page and the image of the first view if their paths are set."""
+    """Render the views. Write the page and the image of the first view, if the paths of these files are
+    set."""
     scene = state.comparison
     only_first = html is None and screenshot is not None
     views = scene.views[:1] if only_first else scene.views
     with TierRenderers(scene) as renderers:
-        # The page needs all views on all tiers. An image needs only the first view, on the tiers that the
+        # The page shows all views on all tiers. An image needs only the first view, on the tiers that the
         # layout shows.
         rows: list[dict[str, Any]] = []
         first: dict[str, Shot] = {}
@@ -320,7 +320,7 @@ def write(
 
 
 def _read_decibels(values: Mapping[str, float | str]) -> dict[tuple[str, str], float]:
-    """Return the PSNR in dB of each pair of tiers. In the page each pair of tiers is one text."""
+    """Return the PSNR in dB of each pair of tiers. The page joins the two names of a pair in one text."""
     pairs = {}
     for names, value in values.items():
         a, b = names.split()

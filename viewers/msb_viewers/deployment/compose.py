@@ -24,7 +24,7 @@ from msb_viewers.palette import INK
 from msb_viewers.sheet import FAINT, text_scale
 
 _LAYOUTS = {"side": "side by side", "wipe": "wipe", "difference": "difference"}
-# Minimum width of captions of narrow images, in pixels at scale 1, if the panel is wide enough.
+# Minimum width of a caption in pixels at scale 1. The caption of a narrow image may be wider than the image.
 _LEAST_CAPTION = 300
 # Distance between lines of a caption, in pixels at scale 1.
 _LINE = 18
@@ -32,7 +32,7 @@ _LINE = 18
 
 @dataclass(frozen=True, eq=False)
 class Composition:
-    """The image (H, W, 3), and the boxes of each tier, of "wipe" or of "difference" in the image."""
+    """The composed image (H, W, 3), and the box of each panel in this image."""
 
     image: NDArray[np.uint8]
     pictures: dict[str, Box]
@@ -152,7 +152,7 @@ class _Composer:
                 11,
                 anchor=("l" if index == 0 else "r" if index == 4 else "m") + "m",
             )
-        words = "difference per pixel: root mean square of red, green, blue; 1 for black and white"
+        words = "difference of a pixel: root mean square of red, green and blue, from 0 to 1"
         canvas.write(box.left, bar.bottom + px(29), words, 11, FAINT, anchor="lm", room=box.width)
 
     def draw_caption(self, tier: str, box: Box) -> None:

@@ -7,18 +7,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Colours from no difference to the largest difference, evenly spaced, with linear interpolation. The
-# colours follow matplotlib's magma scale (S. van der Walt and N. Smith, 2015) within 3 / 255. The colour
-# scale is perceptually uniform and ordered by lightness, so that it also works with colour blindness.
+# A colour scale from no difference to the largest difference. The entries are evenly spaced and interpolated
+# linearly. The colours agree with the scale magma of matplotlib (van der Walt and Smith, 2015) to 3 / 255.
+# The colour scale is perceptually uniform and ordered by lightness, so that it also works with colour
+# blindness.
 ERROR_SCALE = (
     (0, 0, 4), (10, 8, 34), (29, 17, 70), (54, 16, 106), (80, 18, 124), (105, 28, 129), (130, 38, 129),
     (156, 46, 127), (182, 55, 121), (207, 65, 112), (230, 81, 99), (245, 105, 92), (251, 135, 97),
     (254, 165, 113), (254, 195, 135), (253, 224, 162), (252, 253, 191),
 )  # fmt: skip
-# Choices for the smallest difference, in [0, 1], that gets the brightest colour.
+# The values that users can choose for the smallest difference with the brightest colour, in [0, 1].
 TOPS = (1.0, 0.5, 0.25, 0.1, 0.05, 0.02)
-# The page first uses this limit for the brightest colour. A composed image always uses this limit for the
-# brightest colour.
+# The page starts with this limit for the brightest colour. A composed image always has this limit.
 TOP = 0.25
 
 
@@ -58,7 +58,7 @@ def decibel_text(value: float) -> str:
 
 
 def resize(image: NDArray[Any], width: int, height: int) -> NDArray[Any]:
-    """Return an image, or squared differences, at another size."""
+    """Resize an image or an array of squared differences."""
     from PIL import Image
 
     if image.shape[:2] == (height, width):

@@ -151,7 +151,7 @@ function scores() {
   header(foot, `average of ${meta.views.length}`);
   for (const tier of others) {
     const values = meta.views.map((_, at) => decibels(state.pair[0], tier, at));
-    // Identical images get the maximum PSNR of msb.metrics.
+    // The average counts identical images with the maximum PSNR of msb.metrics.
     const known = values.filter((v) => v !== undefined).map((v) => (v === "identical" ? meta.cap : v));
     foot.insertCell().textContent = known.length === values.length ? (known.reduce((x, y) => x + y, 0) / known.length).toFixed(2) : "N/A";
   }

@@ -30,16 +30,18 @@ LABELS = {
     "standard": "Standard",
     BAKED: "Baked",
 }
-# Number of faces above which the reference tier must be requested, because NumPy takes minutes per view.
+# Above this number of faces, the reference tier is drawn only on request, because NumPy takes minutes per
+# view.
 MOST_REFERENCE_FACES = 200_000
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """The result of a tier for a camera: the image (H, W, 3), or the reason `why` the image is missing.
+    """The image (H, W, 3) of a tier for a camera. If the image is missing, `why` is the reason.
 
-    The image equals the image of `msb render`. `milliseconds` is the time on the device without reading
-    back, or the run time of NumPy. `nbytes` is the device memory of the tier, and `where` is the device.
+    The image has the same pixels as the output of `msb render`. `milliseconds` is the time on the device
+    without reading back, or the run time of NumPy. `nbytes` is the device memory of the tier. `where` is the
+    name of the device.
     """
 
     tier: str
@@ -55,7 +57,7 @@ class Comparison:
     """The compared renderer tiers and views, and the options of rendering.
 
     `missing` maps tiers to the reason why the method does not support them. `settings` override the settings
-    of the asset. `supersample` applies to the standard tier, which also draws the mesh `baked`.
+    of the asset. The standard tier uses `supersample`, and also draws the mesh `baked`.
     """
 
     name: str
@@ -99,7 +101,7 @@ def choose_tiers(
 ) -> tuple[tuple[str, ...], dict[str, str]]:
     """Return the tiers of a comparison, and the reason for each tier without an image.
 
-    By default, all tiers are compared, including photographs if they exist and `baked` if it is given. A
+    By default, all tiers are compared. Photographs and the mesh `baked` are included if they exist. A
     reference tier that would take minutes is included only on request (`wanted`).
     """
     from msb.render.backend import check_supported
@@ -123,8 +125,8 @@ def choose_tiers(
         if BAKED in names and baked is None:
             raise UsageError("NAME_UNKNOWN", "the tier baked needs a baked mesh; pass --baked FILE")
         chosen = tuple(tier for tier in LABELS if tier in names)
-    # Tiers that the method does not support are missing. If all tiers are missing, raise the first reason
-    # as an error.
+    # A tier is missing if the method does not support the tier. If all tiers are missing, raise the first
+    # reason as an error.
     missing: dict[str, str] = {}
     first: Unsupported | None = None
     for tier in chosen:

@@ -19,7 +19,7 @@ class CompareState:
     """The layout of a comparison.
 
     `pair` has the tiers A and B that wipe and difference compare. PSNRs compare each tier with the tier A.
-    If only one tier has an image, A and B are both this tier.
+    If only one tier has an image, this tier is both A and B.
     """
 
     comparison: Comparison

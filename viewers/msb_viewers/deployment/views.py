@@ -21,10 +21,10 @@ _DISTORTED = "the photograph has lens distortion; pass --scene, which removes it
 
 @dataclass(frozen=True)
 class View:
-    """A camera with the size of the compared images, and its photograph or the reason `why` the photograph
-    is missing.
+    """A camera with the size of the compared images, and its photograph. If the photograph is missing, `why`
+    is the reason.
 
-    A camera of a dataset's `scene` has its photograph masked and resized by the rules of that scene.
+    If `scene` is set, the photograph is masked and resized by the rules of the dataset.
     """
 
     name: str
@@ -43,9 +43,10 @@ def dataset_views(
 ) -> list[View]:
     """Return a view for each camera, with its photograph if a photograph exists.
 
-    Photographs in the folder `images` have the names of the cameras, with any file suffix. By default, the
-    dataset gives the paths of photographs, or photographs are in the folder `beside`. A view has the size
-    of its photograph. With `scale`, a view has the size of its camera times `scale`, as in `msb render`.
+    Photographs in the folder `images` have the names of the cameras, with any file suffix. Without `images`,
+    the dataset gives the paths of the photographs, or the photographs are in the folder `beside`. A view has
+    the size of its photograph. With `scale`, a view has the size of its camera times `scale`, as in `msb
+    render`.
     """
     if images is not None and not images.is_dir():
         raise UsageError("USAGE", "--image-folder: the folder does not exist", file=images)
@@ -85,8 +86,7 @@ def scene_views(scene: Scene, cameras: Sequence[Camera], scale: float | None = N
 
 
 def _find_photograph(camera: Camera, files: SpelledFiles | None, *, by_name: bool) -> Path | None:
-    """Return the path of a camera's photograph: the path in the dataset, or with `by_name` a path from
-    `files`."""
+    """Return the path of a camera's photograph. With `by_name`, search `files` for the camera's name."""
     from msb.metrics import IMAGE_SUFFIXES
 
     if not by_name and camera.image_path is not None:
