@@ -116,10 +116,7 @@ def _collect_means(
 
 
 def _describe_significance(difference: Interval | None) -> str:
-    """Return the t test of a difference as text, or why it was not tested.
-
-    If no difference exists, the text is "".
-    """
+    """Return the t test of a difference as text, or why it was not tested; "" without a difference."""
     if difference is None:
         return ""
     if difference.p is None:

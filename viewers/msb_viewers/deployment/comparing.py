@@ -133,8 +133,8 @@ def compare(
     ------
     UsageError
         An option is invalid, or a file exists and `overwrite` is false.
-    InputError, SceneError
-        and the errors of `msb.open` and `msb.Renderer` An input cannot be read or rendered.
+    InputError, SceneError and the errors of `msb.open` and `msb.Renderer`
+        An input cannot be read or rendered.
 
     Examples
     --------
