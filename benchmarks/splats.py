@@ -129,6 +129,7 @@ def prepare_gsplat(functions: Any, asset: Asset, camera: Camera) -> tuple[Callab
     degree, buffers = asset.manifest.sh_degree or 0, asset.buffers
     sh = [buffers["f_dc"].reshape(-1, 1, 3)] + ([rest_coefficients(asset)] if degree else [])
     coefficients = torch.from_numpy(np.concatenate(sh, axis=1))
+    torch.set_grad_enabled(False)
     mean, rotation, scale = (torch.from_numpy(buffers[name].copy()) for name in (MEAN, ROTATION, SCALE))
     opacity = torch.from_numpy(buffers["opacity"].reshape(-1).copy()).sigmoid()
     view = torch.from_numpy(camera.world_to_camera.astype(np.float32))
@@ -136,7 +137,6 @@ def prepare_gsplat(functions: Any, asset: Asset, camera: Camera) -> tuple[Callab
     center = torch.linalg.inv(view)[:3, 3]
     width, height = camera.width, camera.height
 
-    @torch.no_grad()
     def project() -> tuple[Any, ...]:
         color = functions._spherical_harmonics(degree, mean - center, coefficients).add(0.5).clamp_min(0)
         covariance, _ = functions._quat_scale_to_covar_preci(rotation, scale.exp(), compute_preci=False)
@@ -148,7 +148,6 @@ def prepare_gsplat(functions: Any, asset: Asset, camera: Camera) -> tuple[Callab
     ids, pixels = meet(means, conics, radii, depths, opacity, width, height)
     seconds = time.process_time() - start
 
-    @torch.no_grad()
     def draw() -> Any:
         color, _, means, _, conics = project()
         rows = means[None], conics[None], opacity[None], color[None]
@@ -212,7 +211,7 @@ def main() -> None:
     options = parser.parse_args()
     rows = []
     for path in options.splats:
-        rows.append(measure(path, *options.size, options.rounds))
+        rows.append(measure(path, options.size[0], options.size[1], options.rounds))
         print(*(f"{name}: {value}" for name, value in rows[-1].items()), sep="\n", flush=True)
     keep(
         {

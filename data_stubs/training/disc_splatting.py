@@ -44,7 +44,7 @@ def draw(
     tu, tv, tw = _homography(parameters, view)
     with torch.no_grad():
         depth = as_float64(transform(view.world_to_camera[:3], mean)[:, 2])
-        middle, extent, is_valid = find_box(*(as_float64(row) for row in (tu, tv, tw)), MAX_EXTENT)
+        middle, extent, is_valid = find_box(as_float64(tu), as_float64(tv), as_float64(tw), MAX_EXTENT)
         reach = np.maximum(extent, MAX_EXTENT * FILTER)
         behind = MAX_EXTENT * np.hypot(*as_float64(tw)[:, :2].T) >= depth
         kept = (depth > NEAREST["official"]) & (as_float64(opacity) > LEAST_ALPHA) & is_valid & ~behind
