@@ -37,6 +37,7 @@ TITLES = {
     "scale": "Ten million triangles",
     "significance": "Significance of differences",
     "sizes": "One and four million faces",
+    "splats": "Speed of Gaussian splats",
     "standard": "Speed of the standard tier",
     "trained": "Models of our trainer",
     "training": "Speed of our trainer",

@@ -40,6 +40,7 @@ _STUB_OPTIONS = {
     "pebble/mesh_splatting": "--faces 8000 --sh-degree 1 --iterations 3000",
     "pebble/diffsoup": "--faces 1400 --level 1 --iterations 2000",
     "pebble/three_dgs": "--faces 3000 --sh-degree 1 --iterations 3000",
+    "pebble/two_dgs": "--faces 2200 --sh-degree 1 --iterations 2000",
 }
 _GARDEN_OPTIONS = {
     "two_dts": "--faces 20000 --sh-degree 2 --iterations 4500",

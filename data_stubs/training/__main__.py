@@ -32,7 +32,8 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m data_stubs.training", description=__doc__)
     add = parser.add_argument
     add("--scene", type=Path, required=True, help="folder of a scene, in a layout of docs/datasets.md")
-    add("--method", required=True, help="two_dts, triangle_splatting, mesh_splatting, diffsoup or three_dgs")
+    methods = "two_dts, triangle_splatting, mesh_splatting, diffsoup, three_dgs or two_dgs"
+    add("--method", required=True, help=methods)
     add("--minutes", type=float, default=30, help="minutes to train (30)")
     add(
         "--iterations",

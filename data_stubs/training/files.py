@@ -27,7 +27,7 @@ def write_state_dict(
 def write_gaussians(
     folder: Path, iteration: int, values: Mapping[str, Any], capture: Capture, degree: int
 ) -> None:
-    """Write the output files of 3DGS."""
+    """Write the output files of 3DGS, or of 2DGS, whose Gaussians have two scales."""
     _write_arguments(folder, capture, degree)
     count, rest = len(values["xyz"]), values["f_rest"].transpose(0, 2, 1)
     normals, color = np.zeros((count, 3)), values["f_dc"][:, 0]
@@ -35,7 +35,11 @@ def write_gaussians(
     parts += [values[name] for name in ("opacity", "scale", "rotation")]
     names = ["x", "y", "z", "nx", "ny", "nz", *(f"f_dc_{k}" for k in range(3))]
     names += [f"f_rest_{k}" for k in range(3 * rest.shape[2])]
-    names += ["opacity", *(f"scale_{k}" for k in range(3)), *(f"rot_{k}" for k in range(4))]
+    names += [
+        "opacity",
+        *(f"scale_{k}" for k in range(values["scale"].shape[1])),
+        *(f"rot_{k}" for k in range(4)),
+    ]
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {count}"]
     lines += [*(f"property float {name}" for name in names), "end_header\n"]
     with new_file(folder / "point_cloud" / f"iteration_{iteration}" / "point_cloud.ply") as file:

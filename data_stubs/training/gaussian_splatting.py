@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 # Half-planes that contain everything: the pixels of a Gaussian are only limited by its box.
-_EVERYWHERE = np.tile([0.0, 0.0, 1.0], (3, 1))
-_LEAST_ALPHA = 1 / 255
+EVERYWHERE = np.tile([0.0, 0.0, 1.0], (3, 1))
+LEAST_ALPHA = 1 / 255
 
 
 def draw(
@@ -42,7 +42,7 @@ def draw(
     mean = parameters["xyz"].double()
     with torch.no_grad():
         depth = as_float64(transform(view.world_to_camera[:3], mean)[:, 2])
-        kept = (depth > NEAREST["official"]) & (as_float64(opacity) > _LEAST_ALPHA)
+        kept = (depth > NEAREST["official"]) & (as_float64(opacity) > LEAST_ALPHA)
     order = front_to_back(depth, kept)
     # Everything is computed for Gaussians in front of the camera, in drawing order.
     inside = torch.from_numpy(order)
@@ -56,7 +56,7 @@ def draw(
         last = np.clip(np.ceil(as_float64(center + reach)), -1, size - 1).astype(np.int64)
     box = np.zeros((2, len(depth), 2), np.int64)
     box[0, order], box[1, order] = first, last
-    planes = np.broadcast_to(_EVERYWHERE, (len(depth), 3, 3))
+    planes = np.broadcast_to(EVERYWHERE, (len(depth), 3, 3))
     pairs = make_pairs(order, planes, (box[0], box[1]), view.width, view.height, per_pair_dtype(parameters))
     # Places of the Gaussians with pairs in the arrays in drawing order.
     place = np.zeros(len(depth), np.int64)
@@ -66,7 +66,7 @@ def draw(
     u, v = Affine.apply(rows, pairs).unbind(0)
     eccentricity = (u * u + v * v + 1e-12).sqrt()
     alpha = GaussianAlpha.apply(eccentricity, Spread.apply(opacity[seen], pairs), 1, MAX_ALPHA)
-    alpha = alpha * (alpha.detach() >= _LEAST_ALPHA)  # skipped pairs have no gradient
+    alpha = alpha * (alpha.detach() >= LEAST_ALPHA)  # skipped pairs have no gradient
     faces = torch.from_numpy(pairs.faces)
     coefficients = torch.cat([parameters["f_dc"], parameters["f_rest"]], 1)[faces].double()
     color = colors_from_sh(coefficients, mean[seen], view.center, settings["sh_degree"])

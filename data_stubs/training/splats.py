@@ -1,4 +1,4 @@
-"""3DGS: anisotropic Gaussians, each with its opacity and colour."""
+"""3DGS and 2DGS: anisotropic Gaussians or flat discs, each with its opacity and colour."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
-from data_stubs.training import gaussian_splatting
+from data_stubs.training import disc_splatting, gaussian_splatting
 from data_stubs.training.files import write_gaussians
 from data_stubs.training.model import Model, Statistics, between, geometric, worst
-from data_stubs.training.start import chosen, color_coefficients, pixel_sizes
+from data_stubs.training.start import chosen, color_coefficients, fit_planes, pixel_sizes
 
 if TYPE_CHECKING:
     from data_stubs.training.drawing import Drawn
@@ -112,7 +113,9 @@ class GaussianSplatting(Model):
             self.parameters[name].detach()[chosen].repeat_interleave(2, 0)
             for name in ("xyz", "scale", "rotation")
         )
-        offsets = torch.from_numpy(self.random.normal(size=(len(mean), 3)).astype(np.float32)) * scale.exp()
+        offsets = torch.zeros((len(mean), 3))
+        normal = self.random.normal(size=scale.shape).astype(np.float32)
+        offsets[:, : scale.shape[1]] = torch.from_numpy(normal) * scale.exp()
         turned = gaussian_splatting.rotation_matrices(rotation) @ offsets[..., None]
         return mean + turned[..., 0]
 
@@ -126,3 +129,23 @@ class GaussianSplatting(Model):
     def write(self, folder: Path, iteration: int, settings: Mapping[str, Any]) -> None:
         values = {name: p.detach().numpy() for name, p in self.parameters.items()}
         write_gaussians(folder, iteration, values, self.capture, settings["sh_degree"])
+
+
+class DiscSplatting(GaussianSplatting):
+    """2DGS: flat Gaussians, which are tangent to the surface through the points at the start.
+
+    The training has no distortion loss and no normal loss.
+    """
+
+    method = "two_dgs"
+
+    def start(self) -> dict[str, torch.Tensor]:
+        found = super().start()
+        points = found["xyz"].double().numpy()
+        rotation = Rotation.from_matrix(fit_planes(points)).as_quat(scalar_first=True)
+        found["rotation"] = torch.from_numpy(rotation.astype(np.float32))
+        found["scale"] = found["scale"][:, :2].contiguous()
+        return found
+
+    def draw(self, camera: Camera, settings: Mapping[str, Any]) -> Drawn:
+        return disc_splatting.draw(self.parameters, camera, self.capture.background, settings)

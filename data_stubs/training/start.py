@@ -44,6 +44,16 @@ def spread_out(
     return np.sort(np.array(taken))
 
 
+def fit_planes(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a rotation (N, 3, 3) at each point: columns are the axes of the neighbours, longest first."""
+    _, near = cKDTree(points).query(points, min(_NEIGHBOURS + 1, len(points)))
+    around = points[near] - points[near].mean(axis=1, keepdims=True)
+    _, axes = np.linalg.eigh(around.transpose(0, 2, 1) @ around)
+    axes = np.ascontiguousarray(axes[:, :, ::-1])
+    axes[:, :, 2] *= np.linalg.det(axes)[:, None]
+    return axes
+
+
 def triangles_at(
     points: NDArray[np.float64], scale: float, random: np.random.Generator
 ) -> NDArray[np.float64]:
@@ -51,12 +61,11 @@ def triangles_at(
 
     Its circumradius is `scale` times the mean distance to the three nearest points.
     """
-    distances, near = cKDTree(points).query(points, min(_NEIGHBOURS + 1, len(points)))
-    around = points[near] - points[near].mean(axis=1, keepdims=True)
-    _, axes = np.linalg.eigh(around.transpose(0, 2, 1) @ around)
+    distances, _ = cKDTree(points).query(points, min(_NEIGHBOURS + 1, len(points)))
+    axes = fit_planes(points)
     size = scale * distances[:, 1:4].mean(axis=1)
     turn = random.uniform(0, 2 * np.pi, len(points))[:, None] + np.arange(3) * (2 * np.pi / 3)
-    first, second = axes[:, :, 2], axes[:, :, 1]
+    first, second = axes[:, :, 0], axes[:, :, 1]
     arms = np.cos(turn)[..., None] * first[:, None] + np.sin(turn)[..., None] * second[:, None]
     return np.asarray(points[:, None] + size[:, None, None] * arms)
 

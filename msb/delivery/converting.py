@@ -39,6 +39,12 @@ from msb.render.options import UpDirection
 from msb.scenes.framing import find_framing
 
 Stage = Callable[[str], AbstractContextManager[None]]
+_SPLAT_WRITERS = {
+    ".spz": "convert this PLY with npx @playcanvas/splat-transform in.ply out.spz",
+    ".sog": "convert this PLY with npx @playcanvas/splat-transform in.ply out.sog",
+    ".splat": "export .splat from this PLY in SuperSplat",
+}
+"""Suffix of a format of Gaussians that is read only -> a way to write this format."""
 
 
 @dataclass(frozen=True)
@@ -185,6 +191,10 @@ class Conversion:
         Also check that the format stores the data that the options affect.
         """
         suffix = target.suffix.lower()
+        if suffix in _SPLAT_WRITERS:
+            remedy = _SPLAT_WRITERS[suffix]
+            text = f"{suffix} files are not written; write a .ply with --official, then {remedy}"
+            raise UsageError("USAGE", text)
         keeps = FORMATS[suffix].keeps if suffix in FORMATS else ("textures",)
         if self.texture is not None and "textures" not in keeps:
             raise UsageError(

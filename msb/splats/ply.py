@@ -66,7 +66,7 @@ def read(tables: Mapping[str, Table], comments: Sequence[str] = ()) -> Gaussians
     check_count(0 if vertex is None else vertex.count)
     assert vertex is not None
     if PACKED[0] in vertex.names:
-        return _read_packed(vertex, tables)
+        return _read_packed(vertex, tables, _read_antialiased(comments))
     scales = [f"scale_{k}" for k in range(2 if holds_discs(vertex.names) else 3)]
     gaussians = Gaussians(
         mean=_columns(vertex, ["x", "y", "z"]),
@@ -126,8 +126,11 @@ def _read_rest(table: Table) -> NDArray[np.float32] | None:
 
 
 def _read_antialiased(comments: Sequence[str]) -> bool | None:
-    """Return the antialiasing mode from the comments of Brush (SplatRenderMode) or Postshot (antialiased)."""
-    for line in comments:
+    """Return the antialiasing mode from the last comment that states it.
+
+    Brush and splat-transform write SplatRenderMode, and Postshot writes antialiased.
+    """
+    for line in reversed(comments):
         match line.lower().split():
             case ["splatrendermode:", mode]:
                 return mode == "mip"
@@ -136,7 +139,7 @@ def _read_antialiased(comments: Sequence[str]) -> bool | None:
     return None
 
 
-def _read_packed(vertex: Table, tables: Mapping[str, Table]) -> Gaussians:
+def _read_packed(vertex: Table, tables: Mapping[str, Table], antialiased: bool | None) -> Gaussians:
     """Return the Gaussians of a compressed PLY, which stores bits relative to the bounds of each chunk of
     256 rows."""
     chunks = tables.get("chunk")
@@ -166,6 +169,7 @@ def _read_packed(vertex: Table, tables: Mapping[str, Table]) -> Gaussians:
         opacity=to_logit(alpha),
         f_dc=to_f_dc(rgb),
         f_rest=_read_packed_rest(tables.get("sh"), vertex.count),
+        antialiased=antialiased,
     )
 
 

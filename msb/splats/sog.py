@@ -51,7 +51,7 @@ def read(meta: Any, read_image: ReadImage) -> Gaussians:
             opacity=opacity,
             f_dc=f_dc.astype(np.float32),
             f_rest=None if rest is None else rest.astype(np.float32),
-            antialiased=True if model.meta.get("antialias") is True else None,
+            antialiased=_read_antialiased(model.meta),
         )
 
 
@@ -145,6 +145,13 @@ class _Model:
             )
         rest: Reals = self.values("shN", entries)[label]
         return rest
+
+
+def _read_antialiased(meta: Mapping[str, Any]) -> bool | None:
+    """Return the value of "model", or of "antialias" in older files; None if the file has neither."""
+    if "model" in meta:
+        return bool(meta["model"] == "antialiased")
+    return True if meta.get("antialias") is True else None
 
 
 def _decode_rotations(texels: NDArray[np.uint8]) -> NDArray[np.float32]:

@@ -23,6 +23,7 @@ SMALL = {
     "repair": "--sizes 5 --rounds 1",
     "scale": "--faces 2000 --method triangle_splatting_plus --step dedicated --step weigh --step page",
     "sizes": "--faces 2000 --command info",
+    "splats": "data_stubs/models/pebble/three_dgs --size 160 120 --rounds 1",
     "standard": "--scenes large --tools msb --rounds 1",
 }
 """Benchmark -> options for a run of a few seconds."""

@@ -49,6 +49,8 @@ def test_a_mesh_file_keeps_its_precision_and_its_losses_are_returned(tmp_path: P
     ("target", "options"),
     [
         ("a.exe", {}),
+        ("a.spz", {}),
+        ("a.splat", {"official": True}),
         ("a.glb", {"form": "folder"}),
         ("a.triasset", {"color": "srgb"}),
         ("a.glb", {"up": "z"}),

@@ -85,6 +85,16 @@ def test_comments_of_exporters_name_antialiased_models(comment: str, expected: b
     assert asset.manifest.settings["antialiased"].value is expected
 
 
+def test_compressed_files_name_antialiased_models(tmp_path: Path) -> None:
+    head, mark, body = builders.compressed_ply(gaussians(0)).partition(b"end_header\n")
+    content = head + b"comment SplatRenderMode: mip\n" + mark + body
+    for name, data in (("a.compressed.ply", content), ("a.sog", sog_with(model="antialiased"))):
+        asset = msb.open(write(tmp_path / name, data))
+        assert asset.manifest.settings["antialiased"].value is True
+    asset = msb.open(write(tmp_path / "b.sog", sog_with(model="default")))
+    assert asset.manifest.settings["antialiased"].value is False
+
+
 def test_flags_of_spz_name_antialiased_models(tmp_path: Path) -> None:
     asset = msb.open(write(tmp_path / "a.spz", builders.spz(gaussians(0), antialiased=True)))
     assert asset.manifest.settings["antialiased"].value is True

@@ -11,7 +11,14 @@ import numpy as np
 import pytest
 import torch
 
-from data_stubs.training import diffsoup, gaussian_splatting, mesh_splatting, triangle_splatting, two_dts
+from data_stubs.training import (
+    diffsoup,
+    disc_splatting,
+    gaussian_splatting,
+    mesh_splatting,
+    triangle_splatting,
+    two_dts,
+)
 from data_stubs.training.composite import composite
 from data_stubs.training.lattice import node_count
 from msb.scenes import Camera
@@ -109,18 +116,19 @@ def test_mesh_splatting() -> None:
     check(lambda p: brightness(mesh_splatting.draw(p, indices, CAMERA, BACKGROUND, settings).image), values)
 
 
-def test_gaussian_splatting() -> None:
+@pytest.mark.parametrize(("module", "axes"), [(gaussian_splatting, 3), (disc_splatting, 2)])
+def test_gaussian_splatting(module: Any, axes: int) -> None:
     random, count = np.random.default_rng(3), 6
     values = {
         "xyz": random.uniform(-0.8, 0.8, (count, 3)),
-        "scale": np.log(random.uniform(0.1, 0.6, (count, 3))),
+        "scale": np.log(random.uniform(0.1, 0.6, (count, axes))),
         "rotation": random.normal(size=(count, 4)),
         "opacity": random.uniform(-1.0, 2.0, (count, 1)),
         "f_dc": random.normal(0.3, 0.6, (count, 1, 3)),
         "f_rest": random.normal(0, 0.2, (count, 8, 3)),
     }
     settings = {"sh_degree": 2}
-    check(lambda p: brightness(gaussian_splatting.draw(p, CAMERA, BACKGROUND, settings).image), values)
+    check(lambda p: brightness(module.draw(p, CAMERA, BACKGROUND, settings).image), values)
 
 
 def lattice_soup(level: int) -> dict[str, np.ndarray]:

@@ -23,7 +23,7 @@ from tests.conftest import ROOT
 
 SCENES = ROOT / "tests" / "tiny" / "scenes"
 COLMAP = SCENES / "mipnerf360" / "pebble"
-METHODS = ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup", "three_dgs")
+METHODS = ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup", "three_dgs", "two_dgs")
 
 
 def training(folder: Path, method: str, scene: Path = COLMAP, iterations: int = 12) -> Any:

@@ -76,7 +76,7 @@ def render(
     facing = -dot(point, normal)
     normal = np.where(facing[:, None] > 0, normal, -normal)
     tu, tv, tw = _homography(discs, view)
-    center, extent, is_valid = _find_box(tu, tv, tw, real(CUTOFF[rasterizer]))
+    center, extent, is_valid = find_box(tu, tv, tw, real(CUTOFF[rasterizer]))
     kept = (z > nearest) & (facing != 0) & is_valid
     if rasterizer == "gsplat":
         rectangles, is_outside = gsplat_tiles(center, real(MAX_EXTENT) * extent, view)
@@ -142,7 +142,7 @@ def _homography(discs: Activated, view: SplattingCamera) -> tuple[Reals, Reals, 
     return x * half[0] + w * middle[0], y * half[1] + w * middle[1], w
 
 
-def _find_box(tu: Reals, tv: Reals, tw: Reals, cutoff: Any) -> tuple[Reals, Reals, NDArray[np.bool_]]:
+def find_box(tu: Reals, tv: Reals, tw: Reals, cutoff: Any) -> tuple[Reals, Reals, NDArray[np.bool_]]:
     """Return the centres and half sides (N, 2) of the boxes around N discs of radius `cutoff`. Also return a
     mask of the discs that have a box."""
     real = tw.dtype.type
