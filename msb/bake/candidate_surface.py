@@ -38,9 +38,9 @@ from msb.errors import AssetError
 from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
 
-# Default face budget of an object. With this budget, PSNR to the photographs is at most 0.9 dB lower for the
-# demo surfaces than for the native rendering.
-OBJECT_FACES = 8_000
+# Default face budget of an object. More faces raise the PSNR and follow the dents of the depth maps: from
+# 8,000 to 12,000 faces a demo surface gained 0.3 dB, and its normals became 1 degree worse.
+OBJECT_FACES = 10_000
 # Smallest and largest default face budget of a scene. Within these limits, the budget is one face per 2
 # pixels of a view. More faces make each step slower.
 SCENE_FACES = 20_000, 50_000
