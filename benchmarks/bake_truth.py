@@ -60,7 +60,11 @@ def main() -> None:
         value = measure_true_surface(model, scene, truths[scene])
         rows.append({"model": name, "true_surface_db": value})
         print(f"{name}: {value:.2f} dB", flush=True)
-    keep({"what": str(__doc__).split(".")[0], "machine": machine("numpy"), "rows": rows}, options.json)
+    what = (
+        "PSNR in dB of the true surfaces of the demo scenes with static colours that were fitted to native "
+        "renderings, compared with held-out photographs at 16 samples per pixel"
+    )
+    keep({"what": what, "machine": machine("numpy", "pyopencl"), "rows": rows}, options.json)
 
 
 if __name__ == "__main__":
