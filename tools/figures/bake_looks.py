@@ -28,9 +28,9 @@ from msb.scenes.around import make_turntable
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
 # Width and height of an image under the lamp relative to the test view, and rows cut off at its empty top.
-SCALE, CUT = 3, 60
+SCALE, CUT = 2, 40
 # Heights of the cameras in degrees above the horizon, and the size of their images in pixels.
-ELEVATIONS, SIZE = (35.0, 3.0, -50.0), (360, 270)
+ELEVATIONS, SIZE = (35.0, 3.0, -50.0), (240, 180)
 WHITE = (1.0, 1.0, 1.0)
 
 
@@ -49,10 +49,9 @@ def draw_lit(asset: msb.Asset, camera: Camera) -> NDArray[np.float32]:
 
 
 def save(rows: Sequence[NDArray[np.float32]], titles: Sequence[str], name: str) -> None:
-    """Write the rows (H, W, 3) below the titles of their columns as an image of 256 colours."""
+    """Write the rows (H, W, 3) below the titles of their columns."""
     whole = Pillow.fromarray(np.uint8(np.concatenate(rows).clip(0, 1) * 255 + 0.5))
-    image = add_headings(whole, titles).quantize(256, dither=Pillow.Dither.NONE)
-    image.save(IMAGES / name, optimize=True)
+    add_headings(whole, titles).save(IMAGES / name, optimize=True)
 
 
 def main() -> None:
