@@ -87,23 +87,28 @@ class _Merging:
     def pair_lone_faces(self) -> None:
         """Number the charts by their connected parts, and let each lone face take over a neighbour.
 
-        The rest of the chart of the neighbour stays connected. It is not a lone face either.
+        No part of the rest of the neighbour's chart becomes a lone face.
         """
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
-        def label(pairs: Ints, count: int) -> tuple[int, Ints]:
+        def label(pairs: Ints, count: int) -> Ints:
             ones = np.ones(len(pairs), np.int8)
-            parts, labels = connected_components(coo_array((ones, tuple(pairs.T)), (count, count)))
-            return parts, labels.astype(np.int64)
+            return np.asarray(connected_components(coo_array((ones, tuple(pairs.T)), (count, count)))[1], int)
 
         pairs = np.array([pair for edge in self._edges if (pair := self._find_joined(*edge))], np.int64)
         pairs = pairs.reshape(-1, 2)
-        self.chart[:] = label(pairs, len(self._faces))[1]
+        self.chart[:] = label(pairs, len(self._faces))
         self._cells.clear()
         for lone in np.flatnonzero(np.bincount(self.chart)[self.chart] == 1).tolist():
             if (self.chart == self.chart[lone]).sum() > 1:  # it was taken over by another lone face
                 continue
+            # Lay the face out in its true size, because xatlas enlarges slivers.
+            a, b, c = self._points[self._faces[lone]]
+            length = np.linalg.norm(b - a)
+            x = (c - a) @ (b - a) / max(length, 1e-300)
+            y = np.sqrt(max((c - a) @ (c - a) - x * x, 0))
+            self.plane[lone], self._sign[lone] = [(0, 0), (length, 0), (x, y)], 1
             self._register(lone)
             edges = self._list_edges(lone)
             for face in sorted({face for edge in edges for face in self._edges[edge]} - {lone}):
@@ -111,8 +116,8 @@ class _Merging:
                 rest = np.flatnonzero(self.chart == self.chart[face])
                 rest = rest[rest != face]
                 inside = pairs[np.isin(pairs, rest).all(axis=1)]
-                is_whole = not len(rest) or label(np.searchsorted(rest, inside), len(rest))[0] == 1
-                if len(rest) != 1 and is_whole and self._unfold(face, lone):
+                sizes = np.bincount(label(np.searchsorted(rest, inside), len(rest)), minlength=1)
+                if (not len(rest) or sizes.min() > 1) and self._unfold(face, lone):
                     break
 
     def _find_joined(self, a: int, b: int) -> tuple[int, int] | None:
