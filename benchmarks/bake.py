@@ -6,10 +6,10 @@ The table has a row for each model and geometry: triangles, bytes, seconds and p
 PSNRs against held-out photographs: of the native rendering, of the standard-tier mesh, and of the bake (with
 1 and 16 samples per pixel). Each bake runs in a separate process. `--twice` repeats it and compares the
 bytes. `--folder` keeps the files, for example `walled-two_dts-kept.glb`. The default models are the models of
-`msb demo-data`. `--image-folder` and `--resolution` select the photographs. `--lods` and `--collision` add a
-second table. It shows the loss of each level of detail relative to the full bake, and the distance of the
-collision shape from the visible surface. `--picture` writes an image with one row per model: held-out
-photograph, native rendering, standard-tier mesh, bakes.
+`msb demo-data`; their surfaces are also compared with the true surface. `--image-folder` and `--resolution`
+select the photographs. `--lods` and `--collision` add a second table, with the loss of each level of
+detail relative to the full bake and the distance of the collision shape from the visible surface. `--picture`
+writes an image with one row per model: held-out photograph, native rendering, standard-tier mesh, bakes.
 """
 
 from __future__ import annotations
@@ -32,8 +32,12 @@ from PIL import ImageDraw, ImageFont
 
 import msb
 from benchmarks.measure import keep, machine
+from data_stubs import still_life
+from data_stubs.captures import Y_DOWN
 from msb.asset.tiers import why_not
 from msb.bake.options import parse_lods
+from msb.meshes.files import write_mesh
+from msb.meshes.mesh import Mesh
 from msb.metrics.ground_truth import ground_truth
 from msb.scenes.datasets import Scene, dataset_of, scene_at
 
@@ -93,6 +97,17 @@ def baked(model: Path, scene: Path, options: dict[str, Any], place: Path) -> tup
     del found["path"]
     hashed = hashlib.sha256(outs[0].read_bytes()).hexdigest()
     return found | {"sha256": hashed}, _view(msb.open(outs[1]), read(model, scene, options["scene"]))
+
+
+def write_truths(folder: Path) -> dict[Path, str]:
+    """Write the true surfaces of the demo scenes to `folder`; return the file of each scene."""
+    surfaces = still_life.pebbles(), still_life.pebbles_before_a_wall().turned(Y_DOWN)
+    truths = {}
+    for scene, surface in zip(SCENES.values(), surfaces, strict=True):
+        file = folder / f"truth-{scene.parent.name}.ply"
+        write_mesh(Mesh(surface.vertices.astype(np.float32), surface.faces), file, suffix=".ply")
+        truths[scene] = str(file)
+    return truths
 
 
 def read(model: str | Path, scene: str | Path, options: dict[str, Any]) -> Scene:
@@ -178,7 +193,7 @@ def main() -> int:
     add("--only", nargs="+", choices=DEMO, default=DEMO, metavar="NAME", help=f"of {', '.join(DEMO)}")
     add("--lods", type=parse_lods, default=())
     add("--collision", metavar="KIND")
-    add("--seconds", type=float, default=60)
+    add("--seconds", type=float, help="as for msb bake; default: no limit")
     add("--seed", type=int, default=0)
     add("--image-folder")
     add("--resolution", type=int)
@@ -200,7 +215,7 @@ def _all(options: argparse.Namespace, folder: Path) -> int:
     facts = machine("numpy", "scipy", "pyopencl")
     print(", ".join(f"{key} {value}" for key, value in facts.items()), time.strftime("%Y-%m-%d"), sep="\n")
     print(HEADER, flush=True)
-    rows, pictures, same = [], [], True
+    rows, pictures, same, truths = [], [], True, write_truths(folder)
     for model, scene in pairs:
         name = "/".join(model.parts[-2:])
         pictures.append(looks(model, read(model, scene, of_scene)))
@@ -212,6 +227,7 @@ def _all(options: argparse.Namespace, folder: Path) -> int:
                 "lods": options.lods,
                 "collision": options.collision,
                 "scene": of_scene,
+                "truth": truths.get(scene),
             }
             place = folder / f"{name.replace('/', '-')}-{geometry}"
             found, picture = baked(model, scene, wanted, place)

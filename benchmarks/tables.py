@@ -132,11 +132,14 @@ def audit(record: Record) -> Iterator[str]:
 
 
 def bake(record: Record) -> Iterator[str]:
-    """Yield a table of bakes with their PSNR against held-out photographs."""
+    """Yield a table of bakes with their PSNR against held-out photographs, and the shape of surfaces.
+
+    The angle to the true normals is in degrees: average, median, share above 30 degrees.
+    """
     yield table(
         [
             *("model", "geometry", "native, dB", "before, 1 sample", "baked, 1", "baked, 16", "triangles"),
-            *("texture", "MB", "seconds", "peak MB", "verdict"),
+            *("texture", "MB", "seconds", "peak MB", "verdict", "bending", "normals, degrees"),
         ],
         [
             (
@@ -152,10 +155,21 @@ def bake(record: Record) -> Iterator[str]:
                 number(row["seconds"], 0),
                 row["peak_mb"],
                 row["verdict_after"]["level"],
+                *_shape(row),
             )
             for row in record["rows"]
         ],
     )
+
+
+def _shape(row: Record) -> tuple[str | None, str | None]:
+    """Return the bending and the angles to the true normals of a bake, None if they were not measured."""
+    shape = row.get("shape")
+    if shape is None:
+        return None, None
+    error = shape["normal_error"]
+    angles = error and f"{error['mean']:.1f} / {error['median']:.1f} / {100 * error['above_30']:.0f} %"
+    return number(shape["bending"], 0), angles
 
 
 def bake_scale(record: Record) -> Iterator[str]:

@@ -51,6 +51,7 @@ def merge_small_charts(points: Floats, faces: Ints, plane: Floats, chart: Ints) 
     scale = np.sqrt(np.abs(_signed_areas(plane)).sum() / max(area.sum(), 1e-300))
     merging = _Merging(scale * points, faces, plane.copy(), chart.copy(), scale**2 * area)
     merging.run(np.bincount(chart)[chart] < MIN_CHART_FACES)
+    merging.pair_lone_faces()
     return merging.plane, merging.chart
 
 
@@ -83,6 +84,53 @@ class _Merging:
             hosts = [face for face in rest if self.chart[face] == largest]
             free.difference_update(hosts)
             self._grow(hosts, free)
+
+    def pair_lone_faces(self) -> None:
+        """Number the charts by their connected parts, and let each lone face take over a neighbour.
+
+        No part of the rest of the neighbour's chart becomes a lone face.
+        """
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        def label(pairs: Ints, count: int) -> Ints:
+            ones = np.ones(len(pairs), np.int8)
+            return np.asarray(connected_components(coo_array((ones, tuple(pairs.T)), (count, count)))[1], int)
+
+        pairs = np.array([pair for edge in self._edges if (pair := self._find_joined(*edge))], np.int64)
+        pairs = pairs.reshape(-1, 2)
+        self.chart[:] = label(pairs, len(self._faces))
+        self._cells.clear()
+        for lone in np.flatnonzero(np.bincount(self.chart)[self.chart] == 1).tolist():
+            if (self.chart == self.chart[lone]).sum() > 1:  # it was taken over by another lone face
+                continue
+            # Lay the face out in its true size, because xatlas enlarges slivers.
+            a, b, c = self._points[self._faces[lone]]
+            length = np.linalg.norm(b - a)
+            x = (c - a) @ (b - a) / max(length, 1e-300)
+            y = np.sqrt(max((c - a) @ (c - a) - x * x, 0))
+            self.plane[lone], self._sign[lone] = [(0, 0), (length, 0), (x, y)], 1
+            self._register(lone)
+            edges = self._list_edges(lone)
+            for face in sorted({face for edge in edges for face in self._edges[edge]} - {lone}):
+                # The rest of the chart of the neighbour, and the connections within the rest.
+                rest = np.flatnonzero(self.chart == self.chart[face])
+                rest = rest[rest != face]
+                inside = pairs[np.isin(pairs, rest).all(axis=1)]
+                sizes = np.bincount(label(np.searchsorted(rest, inside), len(rest)), minlength=1)
+                if (not len(rest) or sizes.min() > 1) and self._unfold(face, lone):
+                    break
+
+    def _find_joined(self, a: int, b: int) -> tuple[int, int] | None:
+        """Return the two faces at the edge from vertex a to b, if they share it in the plane of a chart."""
+        faces = self._edges[a, b]
+        if len(faces) != 2 or self.chart[faces[0]] != self.chart[faces[1]]:
+            return None
+        first, second = (
+            self.plane[face, [self._faces[face].tolist().index(vertex) for vertex in (a, b)]]
+            for face in faces
+        )
+        return (faces[0], faces[1]) if (first == second).all() else None
 
     def _grow(self, hosts: list[int], free: set[int]) -> None:
         """Move free faces into the charts of the placed faces `hosts`. Moved faces are no longer free."""

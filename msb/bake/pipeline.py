@@ -329,27 +329,22 @@ class BakePipeline:
         if name == "kept":
             has_cutoff = self._asset.manifest.appearance.get("alpha_cutoff") is not None
             return make_kept(self._asset, self._context, weights), [_OPAQUE_NOTE] if has_cutoff else []
-        if name == "surface" and self._is_splat:
-            return make_surface(
-                self._asset,
-                self._context,
-                faces=options.faces,
-                pixels=self._pixels,
-                seconds=self._limit_seconds(_SURFACE_SHARE),
-            )
-        # `--faces` limits the surface itself. `--faces` does not limit the soup from which the surface is
-        # made.
-        budget = options.faces if name == "fitted" else None
-        if budget not in self._soups:
-            seconds = self._limit_seconds(_FITTED_SHARE if name == "fitted" else _SURFACE_SHARE)
-            self._soups[budget] = make_fitted(
-                self._asset, self._context, weights, seconds=seconds, faces=budget, pixels=self._pixels
-            )
-        soup, notes = self._soups[budget]
-        if name == "fitted":
-            return soup, notes
+        source: Mesh | Asset = self._asset
+        notes: list[str] = []
+        if name == "fitted" or not self._is_splat:
+            # `--faces` limits the faces of the surface itself. It does not limit the soup that the surface is
+            # made from.
+            budget = options.faces if name == "fitted" else None
+            if budget not in self._soups:
+                seconds = self._limit_seconds(_FITTED_SHARE if name == "fitted" else _SURFACE_SHARE)
+                self._soups[budget] = make_fitted(
+                    self._asset, self._context, weights, seconds=seconds, faces=budget, pixels=self._pixels
+                )
+            source, notes = self._soups[budget]
+            if name == "fitted":
+                return source, notes
         mesh, surface_notes = make_surface(
-            soup,
+            source,
             self._context,
             faces=options.faces,
             pixels=self._pixels,
