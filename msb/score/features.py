@@ -55,7 +55,7 @@ def detect_features(
     import cv2
 
     grey = np.asarray(np.clip(image, 0, 1) @ (0.299, 0.587, 0.114) * 255 + 0.5, np.uint8)
-    sift = cv2.SIFT_create(nfeatures=most, contrastThreshold=_CONTRAST)
+    sift = cv2.SIFT.create(nfeatures=most, contrastThreshold=_CONTRAST)
     where = None if mask is None else mask.astype(np.uint8) * 255
     points, descriptors = sift.detectAndCompute(grey, where)
     if not points:

@@ -97,7 +97,9 @@ def guess_similarity(solved: tuple[Reals, Reals, int], match: Matches, matches: 
             continue
         camera = other.camera
         # The ray of each feature, and the point a + s b in camera coordinates, all (N, 3).
-        ray = np.c_[(other.pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy), np.ones(len(other.pixels))]
+        ray = np.c_[
+            (other.pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy), np.ones(len(other.pixels))
+        ]
         a = camera.world_to_camera[:3, :3] @ center + camera.world_to_camera[:3, 3]
         b = (other.points - solved_center) @ (camera.world_to_camera[:3, :3] @ turn).T
         across_a, across_b = np.cross(ray, a), np.cross(ray, b)
@@ -156,7 +158,7 @@ def refine_similarity(
         variance = float((weight[rows] * distance[rows] ** 2).sum() / max(1, 2 * rows.sum() - 7))
         if np.abs(change).max() < 1e-8:
             break
-    return matrix, np.linalg.pinv(normal) * variance
+    return matrix, np.asarray(np.linalg.pinv(normal) * variance, np.float64)
 
 
 def _residuals(matrix: Reals, matches: Sequence[Matches]) -> Reals:

@@ -123,7 +123,7 @@ class _Guess(NamedTuple):
 
     matrix: Reals
     mirrored: bool
-    count: int
+    agreeing: int
 
 
 class _Drawer(contextlib.ExitStack):
@@ -200,12 +200,14 @@ def find_pose(
             seen += [drawer.draw(camera, _DRAWN_FEATURES) for camera in cameras]
             step()
             guesses = [guess for mirrored in (False, True) for guess in _guess(photographs, seen, mirrored)]
-            guesses.sort(key=lambda guess: -guess.count)
+            guesses.sort(key=lambda guess: -guess.agreeing)
             step()
             # Parts of an object can be symmetric, so the mirror image can also agree, with fewer matches.
             found: list[tuple[int, Pose]] = []
             for guess in guesses[: 2 * _GUESSES]:
-                is_rival = guess.mirrored != guesses[0].mirrored and guess.count >= _RIVAL * guesses[0].count
+                is_rival = (
+                    guess.mirrored != guesses[0].mirrored and guess.agreeing >= _RIVAL * guesses[0].agreeing
+                )
                 if found and not is_rival:
                     continue
                 try:
@@ -246,9 +248,7 @@ def _spread_directions(count: int) -> Reals:
     return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
 
 
-def _match_all(
-    photographs: Sequence[Photograph], seen: Sequence[tuple[Features, Reals]]
-) -> list[Matches]:
+def _match_all(photographs: Sequence[Photograph], seen: Sequence[tuple[Features, Reals]]) -> list[Matches]:
     """Return the matches of each photograph with its most similar drawings."""
     few = [features.select(slice(_FEW)) for features, _ in seen]
     numbers = np.repeat(np.arange(len(few)), [len(features) for features in few])
@@ -333,9 +333,7 @@ def _judge(
     drawer: _Drawer, matrix: Reals, matches: Sequence[Matches], covariance: Reals, scales: Sequence[float]
 ) -> tuple[int, Pose]:
     """Return the pose, with its agreeing matches, if enough photographs agree and the residual is small."""
-    errors = [
-        error / scale for error, scale in zip(measure_errors(matrix, matches), scales, strict=True)
-    ]
+    errors = [error / scale for error, scale in zip(measure_errors(matrix, matches), scales, strict=True)]
     # Chance matches are spread evenly within the radius of the last turn.
     good = [error[error < MAX_RESIDUAL] for error in errors]
     agreeing = [
@@ -348,7 +346,9 @@ def _judge(
         raise PoseNotFoundError(text)
     residual = float(np.median(np.concatenate(agreeing)))
     if residual > MAX_RESIDUAL:
-        raise PoseNotFoundError(f"the residual of the best pose is {residual:.1f} pixels; at most 2 are allowed")
+        raise PoseNotFoundError(
+            f"the residual of the best pose is {residual:.1f} pixels; at most 2 are allowed"
+        )
     scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
     spread = np.sqrt(np.maximum(np.diag(covariance), 0))
     uncertainty = {
