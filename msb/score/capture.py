@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.base.files import file_sha256
+from msb.base.version import __version__
 from msb.errors import SceneError
 from msb.metrics.ground_truth import ground_truth
 from msb.scenes import Camera
@@ -39,24 +40,60 @@ class TestView:
     mask: NDArray[np.bool_] | None
 
 
+@dataclass(frozen=True)
+class Protocol:
+    """What the pictures depend on, beside the asset and the capture.
+
+    Attributes
+    ----------
+    supersample : int
+        Samples along each side of a pixel.
+    background : (3,) floats
+        The colour behind the asset, and outside the masks of the photographs.
+    """
+
+    supersample: int = 4
+    background: tuple[float, float, float] = GREY
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the protocol as JSON data."""
+        return {
+            "name": "msb.score.protocol/1",
+            "colors": "unlit, as stored",
+            "samples": self.supersample**2,
+            "background": list(self.background),
+            "views": "held out",
+            "exposure": "gain and offset per photograph and channel, for psnr_exposure only",
+            "averages": "mean over views",
+            "version": __version__,
+        }
+
+    @property
+    def sha256(self) -> str:
+        """The hash of the protocol, which includes the version of the code."""
+        return hashlib.sha256(json.dumps(self.to_dict()).encode()).hexdigest()
+
+
 class Capture:
-    """A capture as the protocol reads it: masked pixels are grey, the split is the one of `msb run`.
+    """A capture as the protocol reads it; the split is the one of `msb run`.
 
     Attributes
     ----------
     scene : Scene
+        The scene, whose background is that of the protocol.
+    protocol : Protocol
     cameras : list of Camera
         All views, sorted by name.
     """
 
-    def __init__(self, path: Path, **rules: Any) -> None:
-        self.path = path
+    def __init__(self, path: Path, protocol: Protocol | None = None, **rules: Any) -> None:
+        self.path, self.protocol = path, protocol or Protocol()
         scene = read_scene(path, **rules)
         if not scene.test:
             raise SceneError(
                 "SCENE_LAYOUT", "it has no held-out photographs to score an asset with", file=path
             )
-        self.scene: Scene = scene if scene.mask_source is None else replace(scene, background=GREY)
+        self.scene: Scene = replace(scene, background=self.protocol.background)
         self.cameras = sorted((*scene.train, *scene.test), key=lambda camera: str(camera.name))
 
     def read(self, camera: Camera) -> TestView:

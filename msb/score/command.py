@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from msb.base.option import Argument
 from msb.cli.command import command
-from msb.cli.output import JsonOutput, Output, echo, report_error
+from msb.cli.output import LinesOutput, Output, echo, report_error
 from msb.errors import UsageError, about, one_line
-from msb.render.options import RendererOptions, SceneOptions
+from msb.render.options import RendererOptions, SceneOptions, parse_color_option
 from msb.score.options import ScoreOptions, parse_condition
 
 if TYPE_CHECKING:
     from msb.score import Comparison, Score
+    from msb.score.capture import Capture
 
 # Programs that open a file by its suffix without conversion.
 _OPENS = {
@@ -44,7 +45,7 @@ def score(
     options: ScoreOptions,
     reading: SceneOptions,
     drawing: Annotated[RendererOptions, ("device",)],
-    output: JsonOutput,
+    output: LinesOutput,
 ) -> int:
     """State how near an asset is to the photographs of the real thing, with a certificate.
 
@@ -54,10 +55,14 @@ def score(
     what raises numbers without being the thing, such as photographs on cards. Several assets are compared
     view by view.
     """
+    from msb.api.command_files import for_each
     from msb.base.extras import need_extra
     from msb.score import compare_scores
     from msb.score import score as measure
-    from msb.score.capture import Capture
+    from msb.score.capture import Capture as ReadCapture
+    from msb.score.capture import Protocol
+    from msb.score.certificate import write_certificate
+    from msb.score.measurement import SCHEMA
 
     if options.capture is None:
         raise UsageError(
@@ -70,64 +75,67 @@ def score(
         output.check_folder(options.out)
     need_extra("capture", "cv2", what="msb score")
     drawing.check_device()
-    output.add_inputs([*paths, options.capture])
-    capture = Capture(options.capture, **reading.given)
+    output.add_input(options.capture)
+    protocol = Protocol(options.supersample, parse_color_option(options.background))
+    capture = ReadCapture(options.capture, protocol, **reading.given)
     for warning in capture.scene.warnings:
         output.note(warning.to_line(warning.file or options.capture))
-    # Score the assets one after the other; the features of the photographs are found once.
+    # The features of the photographs are found once for all assets.
     scores: list[Score] = []
-    for path in paths:
+    comparisons: list[Comparison] = []
+
+    def work(path: Path, _alone: bool) -> tuple[dict[str, Any], int]:
+        """Score one asset, and compare it with the first."""
         with output.progress(f"scoring {path.name}"), about(path):
-            scores.append(
-                measure(
-                    path,
-                    capture,
-                    pose=options.pose,
-                    walk=options.walk,
-                    vgg_weights=options.vgg_weights,
-                    device=drawing.device,
-                )
+            entry = measure(
+                path,
+                capture,
+                pose=options.pose,
+                walk=options.walk,
+                vgg_weights=options.vgg_weights,
+                device=drawing.device,
             )
-    comparisons = [compare_scores(scores[0], other) for other in scores[1:]]
-    documents = [entry.to_dict() for entry in scores]
-    for document, comparison in zip(documents[1:], comparisons, strict=True):
-        document["compared"] = comparison.to_dict()
-    output.write_json(documents[0] if len(documents) == 1 else documents)
-    if options.out is not None:
-        from msb.score.certificate import write_certificate
+        document = entry.to_dict()
+        scores.append(entry)
+        if output.prints_text:
+            _print_score(entry, capture, output)
+        if len(scores) > 1:
+            comparisons.append(compare_scores(scores[0], entry))
+            document["compared"] = comparisons[-1].to_dict()
+            if output.prints_text:
+                _print_comparison(comparisons[-1])
+        if entry.status == "unverified":
+            return document, 1
+        errors = [error for condition in conditions if (error := condition.check(document)) is not None]
+        return document, max([0, *map(report_error, errors)])
 
+    status, documents = for_each(paths, SCHEMA, output, work)
+    if options.out is not None and scores:
         write_certificate(options.out, scores, comparisons, documents, overwrite=output.force)
-    if output.prints_text:
-        _print(scores, comparisons, capture, output)
-        if options.out is not None:
+        if output.prints_text:
             echo(f"certificate: {one_line(str(options.out / 'index.html'))}")
-    status = int(any(entry.status == "unverified" for entry in scores))
-    errors = [
-        error
-        for document in documents
-        for condition in conditions
-        if document["status"] == "scored" and (error := condition.check(document)) is not None
-    ]
-    return max([status, *map(report_error, errors)])
+    return status
 
 
-def _print(scores: list[Score], comparisons: list[Comparison], capture: Any, output: Output) -> None:
-    """Print each score in a few lines, then the differences."""
+def _print_score(entry: Score, capture: Capture, output: Output) -> None:
+    """Print a score in a few lines."""
     scene = capture.scene
-    for entry in scores:
-        held = f"{len(scene.train) + len(scene.test)} photographs, {len(scene.test)} held out"
-        echo(one_line(f"{entry.path} against {scene.name} ({held})"))
-        if output.quiet:
-            echo(one_line(entry.verdict))
-            continue
-        looks, *more = _describe_looks(entry)
-        rows = [("looks", looks), *(("", line) for line in more), ("structure", _describe_structure(entry))]
-        for label, text in (*rows, ("pose", _describe_pose(entry)), ("verdict", entry.verdict)):
-            echo(one_line(f"{label:<10} {text}"))
-    for comparison in comparisons:
-        echo(one_line(f"{comparison.second} minus {comparison.first}, 95 % intervals over paired views"))
-        for name, text in _describe_differences(comparison):
-            echo(f"{name:<21} {text}")
+    held = f"{len(scene.train) + len(scene.test)} photographs, {len(scene.test)} held out"
+    echo(one_line(f"{entry.path} against {scene.name} ({held})"))
+    if output.quiet:
+        echo(one_line(entry.verdict))
+        return
+    looks, *more = _describe_looks(entry)
+    rows = [("looks", looks), *(("", line) for line in more), ("structure", _describe_structure(entry))]
+    for label, text in (*rows, ("pose", _describe_pose(entry)), ("verdict", entry.verdict)):
+        echo(one_line(f"{label:<10} {text}"))
+
+
+def _print_comparison(comparison: Comparison) -> None:
+    """Print the differences of an asset from the first."""
+    echo(one_line(f"{comparison.second} minus {comparison.first}, 95 % intervals over paired views"))
+    for name, text in _describe_differences(comparison):
+        echo(f"{name:<21} {text}")
 
 
 def _describe_looks(entry: Score) -> Iterator[str]:

@@ -24,11 +24,10 @@ from msb.asset.tiers import refusal
 from msb.base.extras import need_extra
 from msb.base.files import file_sha256, regular_file
 from msb.base.paths import given_path
-from msb.base.version import __version__
 from msb.errors import SceneError, Unsupported
 from msb.meshes.assets import mesh_from_asset
 from msb.metrics.images import PSNR_CAP
-from msb.score.capture import Capture
+from msb.score.capture import Capture, Protocol
 from msb.score.evidence import Evidence, Flag, gather_evidence, raise_flags
 from msb.score.pictures import Picture, average_pictures, draw_pictures, move_asset
 from msb.score.pose import Pose, PoseNotFoundError, find_pose
@@ -36,16 +35,6 @@ from msb.score.steadiness import Steadiness, measure_steadiness
 from msb.topology.audit import Audit
 
 SCHEMA = "msb.score/1"
-# Everything that the numbers depend on, beside the asset and the capture.
-PROTOCOL: dict[str, Any] = {
-    "name": "msb.score.protocol/1",
-    "colors": "unlit, as stored",
-    "samples": 16,
-    "background": [0.5, 0.5, 0.5],
-    "views": "held out",
-    "exposure": "gain and offset per photograph and channel, for psnr_exposure only",
-    "averages": "mean over views",
-}
 # Largest size of a file of --pose in bytes, and largest deviation of its matrix from a similarity.
 _MOST_BYTES, _TOLERANCE = 1 << 20, 1e-4
 
@@ -90,6 +79,9 @@ class Score:
         One for each held-out view; empty without a pose.
     steadiness : Steadiness or None
         Shimmer and popping on a walk, if one was requested.
+    protocol : Protocol
+    hashes : dict
+        SHA-256 of the "asset", the "capture" and the "protocol".
     """
 
     path: str
@@ -107,6 +99,7 @@ class Score:
     test_views: int
     pictures: list[Picture]
     steadiness: Steadiness | None
+    protocol: Protocol
     hashes: dict[str, str]
     seconds: float = field(default=0.0, compare=False)
 
@@ -152,7 +145,7 @@ class Score:
             "flags": [vars(flag) for flag in self.flags],
             "evidence": None if self.evidence is None else self.evidence.to_dict(),
             "walk": None if self.steadiness is None else self.steadiness.to_dict(),
-            "protocol": PROTOCOL | {"version": __version__},
+            "protocol": self.protocol.to_dict(),
             "hashes": self.hashes,
             "seconds": self.seconds,
         }
@@ -168,6 +161,7 @@ def score(
     capture: str | os.PathLike[str] | Capture,
     *,
     pose: str | os.PathLike[str] = "found",
+    protocol: Protocol | None = None,
     walk: int = 0,
     vgg_weights: Path | None = None,
     device: str | None = None,
@@ -184,6 +178,8 @@ def score(
     pose : str or path-like
         "found": find it from the photographs. "capture": the asset is in the frame of the capture. Else a
         JSON file with a matrix (4, 4), ``capture = matrix @ asset``, or with a score.
+    protocol : Protocol, optional
+        Samples and background. Default: 16 samples over grey. A `Capture` has its own.
     walk : int
         Frames of a walk for shimmer and popping; 0 measures none.
     vgg_weights : Path, optional
@@ -201,7 +197,7 @@ def score(
     start = time.perf_counter()
     need_extra("capture", "cv2", what="a score")
     place = given_path(path)
-    reader = capture if isinstance(capture, Capture) else Capture(given_path(capture))
+    reader = capture if isinstance(capture, Capture) else Capture(given_path(capture), protocol)
     asset = open_asset(place)
     if (reason := refusal(asset.manifest, "standard")) is not None:
         raise Unsupported("UNSUPPORTED_TIER", reason, file=place)
@@ -223,10 +219,11 @@ def score(
         test_views=len(reader.scene.test),
         pictures=[],
         steadiness=None,
+        protocol=reader.protocol,
         hashes={
             "asset": _hash_asset(place),
             "capture": reader.sha256,
-            "protocol": hashlib.sha256(json.dumps([PROTOCOL, __version__]).encode()).hexdigest(),
+            "protocol": reader.protocol.sha256,
         },
     )
     try:

@@ -69,9 +69,21 @@ class ScoreOptions:
     walk: Annotated[
         int,
         Option(
-            "Measure shimmer and popping on a walk of this many frames; 240 are usual.", least=0, most=10_000
+            "Measure shimmer and popping on a walk of this many frames, such as 240.", least=0, most=10_000
         ),
     ] = 0
+    supersample: Annotated[
+        int,
+        Option("Samples along each side of a pixel. msb run takes 1.", least=1, most=16),
+    ] = 4
+    background: Annotated[
+        str,
+        Option(
+            "Colour behind the asset and outside masks: black, white, #rrggbb or r,g,b in 0..1. msb run uses "
+            "that of the dataset, or black.",
+            metavar="COLOR",
+        ),
+    ] = "0.5,0.5,0.5"
     vgg_weights: Annotated[
         Path | None,
         Option("Weights for LPIPS: vgg16-397923af.pth of torchvision.", metavar="FILE"),

@@ -17,10 +17,7 @@ from msb.metrics.registry import mean_of
 from msb.render.images import to_bytes
 from msb.render.standard.renderer import StandardRenderer
 from msb.score.capture import Capture, Image, TestView
-from msb.score.pose import GREY, Pose
-
-# Samples along each side of a pixel.
-_SAMPLES = 4
+from msb.score.pose import Pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +28,7 @@ class Picture:
     ----------
     view : TestView
     image : (H, W, 3) uint8
-        The drawing over grey.
+        The drawing over the background.
     covered : (H, W) bool
         Pixels whose centre the asset covers.
     psnr, psnr_covered, psnr_mask, psnr_exposure, ssim, lpips : float or None
@@ -79,15 +76,16 @@ def draw_pictures(
     step: Callable[[], None] = lambda: None,
 ) -> list[Picture]:
     """Return a picture for each held-out view of an asset in the frame of the capture."""
-    pictures = []
+    pictures, background = [], capture.protocol.background
+    samples = capture.protocol.supersample
     with (
-        contextlib.closing(StandardRenderer(asset, device=device, supersample=_SAMPLES)) as fine,
+        contextlib.closing(StandardRenderer(asset, device=device, supersample=samples)) as fine,
         contextlib.closing(StandardRenderer(asset, device=device)) as coarse,
     ):
         for view in capture.test:
             camera = view.camera.in_units(asset.manifest.origin)
-            image = to_bytes(fine.render_image(camera, GREY))
-            covered = coarse.render(camera, GREY).alpha > 0
+            image = to_bytes(fine.render_image(camera, background))
+            covered = coarse.render(camera, background).alpha > 0
             pictures.append(_compare(view, image, covered, measures))
             step()
     return pictures
