@@ -193,6 +193,10 @@ def find_pose(
     PoseNotFoundError
         Too few photographs agree, or the residual is too large.
     """
+    rich = sum(len(photograph.features) >= LEAST_INLIERS for photograph in photographs)
+    if rich < LEAST_PHOTOGRAPHS:
+        text = f"{rich} of {len(photographs)} photographs have enough features; at least 3 must"
+        raise PoseNotFoundError(text)
     reason = "no photograph matches a view of the asset"
     seen: list[tuple[Features, Reals]] = []
     with _Drawer(mesh, device) as drawer:

@@ -104,3 +104,20 @@ def dome(scene: Scene) -> Mesh:
         [np.stack([a, a + 1, a + 2 * n], 1), np.stack([a + 1, a + 2 * n + 1, a + 2 * n], 1)]
     )
     return Mesh(vertices, faces, colors)
+
+
+def noise() -> Mesh:
+    """Return a bumpy ball with random colours, which no photograph shows."""
+    random = np.random.default_rng(0)
+    n = 100
+    v, u = np.meshgrid(np.linspace(0.01, np.pi - 0.01, n), np.linspace(0, 2 * np.pi, 2 * n), indexing="ij")
+    directions = np.stack([np.sin(v) * np.cos(u), np.sin(v) * np.sin(u), np.cos(v)], axis=-1).reshape(-1, 3)
+    a = (np.arange(n - 1)[:, None] * 2 * n + np.arange(2 * n - 1)).ravel()
+    faces = np.concatenate(
+        [np.stack([a, a + 1, a + 2 * n], 1), np.stack([a + 1, a + 2 * n + 1, a + 2 * n], 1)]
+    )
+    return Mesh(
+        directions * random.uniform(0.95, 1.05, (len(directions), 1)),
+        faces,
+        random.integers(0, 256, (len(directions), 3), np.uint8),
+    )
