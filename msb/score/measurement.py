@@ -145,6 +145,7 @@ class Score:
             "flags": [vars(flag) for flag in self.flags],
             "evidence": None if self.evidence is None else self.evidence.to_dict(),
             "walk": None if self.steadiness is None else self.steadiness.to_dict(),
+            "compared": None,
             "protocol": self.protocol.to_dict(),
             "hashes": self.hashes,
             "seconds": self.seconds,

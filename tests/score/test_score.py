@@ -1,12 +1,17 @@
 """Scores with a given pose: pictures, flags, comparison, gates, certificate and the command."""
 
 import json
+import os
+import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import msb
 from data_stubs.surface import pebble
@@ -203,6 +208,23 @@ def test_wrong_usage(here: Here, tmp_path: Path) -> None:
     assert here("score", path, "--capture", CAPTURE, "--fail-on", "beauty<1").status == 2
     assert here("score", path, "--capture", tmp_path / "none").status == 3
     assert here("score", path, "--capture", CAPTURE, "--pose", tmp_path / "none.json").status == 3
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("bash") is None, reason="the steps of the action need bash")
+def test_the_action_has_the_exit_status_of_the_score(tmp_path: Path) -> None:
+    steps = yaml.safe_load((ROOT / "action.yml").read_text())["runs"]["steps"]
+    (step,) = (step for step in steps if step.get("id") == "score")
+    variables = {"PATHS": str(saved(MESH, tmp_path)), "CAPTURE": str(CAPTURE), "FAIL_ON": "faces>1\nflags>0"}
+    for name in ("RUNNER_TEMP", "GITHUB_OUTPUT", "GITHUB_STEP_SUMMARY"):
+        variables[name] = str(tmp_path if name == "RUNNER_TEMP" else tmp_path / name)
+    variables["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    command = ["bash", "--noprofile", "--norc", "-e", "-o", "pipefail", "-c", step["run"]]
+    done = subprocess.run(command, cwd=ROOT, env={**os.environ, **variables}, check=False)
+    assert done.returncode == 1  # the smooth photographs leave the asset unverified
+    path = (tmp_path / "GITHUB_OUTPUT").read_text().strip().removeprefix("json=")
+    assert json.loads(Path(path).read_text())["status"] == "unverified"
+    assert "UNVERIFIED" in (tmp_path / "GITHUB_STEP_SUMMARY").read_text()
 
 
 def test_the_function_of_the_package(tmp_path: Path) -> None:
