@@ -34,8 +34,8 @@ _OPENS = {
 @command(
     "msb score --pose capture --capture data_stubs/scenes/mipnerf360/pebble \\\n"
     "      data_stubs/models/walled/mesh_splatting",
-    'msb score --capture data_stubs/scenes/nerf_synthetic/pebble --fail-on "psnr<12" -o out/certificate \\\n'
-    "      data_stubs/models/pebble/two_dts",
+    "msb score --pose capture --capture data_stubs/scenes/nerf_synthetic/pebble \\\n"
+    "      --walk 24 -o out/certificate data_stubs/models/pebble/two_dts",
 )
 def score(
     paths: Annotated[

@@ -29,7 +29,9 @@ _SEARCH = 16.0
 # Least motion in pixels between two photographs that a surface must explain, beyond a turn of the camera.
 _MOTION = 12.0
 # Least number of matches for a judgement.
-_LEAST_MATCHES = 40
+_LEAST_MATCHES = 100
+# Number of features of all searched photographs from which drawings without matches are misaligned.
+_LEAST_FEATURES = 500
 # Surface points of each tested photograph, and the relative depth within which another one sees a point.
 _POINTS, _SAME_DEPTH = 400, 0.02
 
@@ -51,6 +53,8 @@ class Evidence:
     ----------
     aligned : float or None
         Share of the matches between photographs and drawings within 2 pixels; chance gives 0.016.
+    features : int
+        The number of features of the photographs that were searched in drawings.
     parallax : float or None
         Share of the matches between photographs whose motion the surface explains.
     parallax_matches : int
@@ -68,6 +72,7 @@ class Evidence:
     """
 
     aligned: float | None = None
+    features: int = 0
     parallax: float | None = None
     parallax_matches: int = 0
     single_view: float | None = None
@@ -148,7 +153,10 @@ def gather_evidence(
     if behind is not None and pose.mirrored:  # the mirrored copy that was drawn has its faces reversed
         behind = 1 - behind
     near, far = _split_by_distance(capture, pictures)
-    return Evidence(aligned, explained, count, single, behind, _measure_contrast(pictures), near, far)
+    features = sum(len(photograph.features) for photograph in tested)
+    return Evidence(
+        aligned, features, explained, count, single, behind, _measure_contrast(pictures), near, far
+    )
 
 
 def _measure_parallax(
@@ -273,7 +281,9 @@ def raise_flags(
         is_raised=parallax is not None and parallax < MIN_PARALLAX,
         sentence=f"{text}{evidence.parallax_matches:,} points",
     )
-    is_off = pose.source != "found" and (evidence.aligned is None or evidence.aligned < MIN_ALIGNED)
+    matched = 0.0 if evidence.aligned is None else evidence.aligned
+    is_judged = evidence.aligned is not None or evidence.features >= _LEAST_FEATURES
+    is_off = pose.source != "found" and is_judged and matched < MIN_ALIGNED
     text = "its drawings do not match the photographs; use --pose found"
     check("MISALIGNED", is_raised=is_off, sentence=text)
     single, behind = evidence.single_view or 0.0, evidence.behind or 0.0

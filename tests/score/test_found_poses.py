@@ -82,6 +82,14 @@ def test_tricks_are_unverified_or_named(trick: str, tmp_path: Path) -> None:
         assert result.status == "unverified" or codes & {"NO_PARALLAX", "SINGLE_VIEW_FACES"}, pose
 
 
+def test_a_given_pose_that_is_wrong_is_named(tmp_path: Path) -> None:
+    mesh = still_life()
+    path = tmp_path / "asset.ply"
+    msb.save(asset_from_mesh(replace(mesh, vertices=mesh.vertices @ tricks.QUARTER)), path)
+    result = measure(path, read("nerf_synthetic/pebble"), pose="capture")
+    assert "MISALIGNED" in {flag.code for flag in result.flags}
+
+
 def test_a_mirrored_copy_scores_like_the_asset(tmp_path: Path) -> None:
     capture = read("nerf_synthetic/pebble")
     mesh = mesh_from_asset(msb.open(SOUP))

@@ -103,7 +103,6 @@ TRICKS: dict[str, Trick] = {
     "LOW_COVERAGE": lambda _: SMALL,
     "EXTREME_SCALE": lambda _: replace(MESH, vertices=MESH.vertices * 1e6),
     "SINGLE_VIEW_FACES": tricks.billboards,
-    "MISALIGNED": lambda _: replace(MESH, vertices=MESH.vertices @ tricks.QUARTER),
 }
 
 
