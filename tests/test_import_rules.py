@@ -108,6 +108,7 @@ These packages parse arguments, open files and choose renderers.
 """
 COMMANDS: dict[str, set[str]] = {
     "repair": {"trial", "views", "delivery", "adapters"},
+    "score": {"trial"},
     "scenes": {"metrics"},
     "api": {"report", "viewers", "delivery"},
     "engines": {"views"},

@@ -70,13 +70,15 @@ def write_certificate(
     """Write index.html and score.json into `folder`. Comparisons are with the first of `scores`."""
     data = [{**document, "msb_version": __version__} for document in documents]
     with own_folder(folder, overwrite=overwrite) as place:
-        page = "".join(_page(scores, comparisons))
+        page = "".join(_page(scores, comparisons, documents))
         (place / "index.html").write_text(page, encoding="utf-8", newline="\n")
         text = json.dumps(data[0] if len(data) == 1 else data, indent=1, allow_nan=False)
         (place / "score.json").write_text(text + "\n", encoding="utf-8", newline="\n")
 
 
-def _page(scores: Sequence[Score], comparisons: Sequence[Comparison]) -> list[str]:
+def _page(
+    scores: Sequence[Score], comparisons: Sequence[Comparison], documents: Sequence[dict[str, Any]]
+) -> list[str]:
     """Return the parts of the page."""
     first = scores[0]
     title = f"Certificate: {Path(first.path).name}"
@@ -90,15 +92,16 @@ def _page(scores: Sequence[Score], comparisons: Sequence[Comparison]) -> list[st
         f'<p class="faint">Against the photographs {html.escape(Path(first.capture).name)}, '
         f"{first.test_views} of them held out. Written by msb {__version__}.</p>",
     ]
-    for number, score in enumerate(scores):
-        parts += _describe_score(score, named=len(scores) > 1)
+    scored = [document for document in documents if "error" not in document]
+    for number, (score, document) in enumerate(zip(scores, scored, strict=True)):
+        parts += _describe_score(score, document, named=len(scores) > 1)
         if number:
             parts += _describe_comparison(scores[0], score, comparisons[number - 1])
     parts.append("</body></html>\n")
     return parts
 
 
-def _describe_score(score: Score, *, named: bool) -> list[str]:
+def _describe_score(score: Score, document: dict[str, Any], *, named: bool) -> list[str]:
     """Return the section about one asset."""
     parts = [f"<h2>{html.escape(score.path)}</h2>"] if named else []
     level = {"unverified": "bad"}.get(score.status, "bad" if score.flags else score.structure.verdict)
@@ -117,7 +120,10 @@ def _describe_score(score: Score, *, named: bool) -> list[str]:
             parts.append(_figure(np.repeat(_GAIN * difference, 3, axis=2), "difference"))
             parts.append("</div>")
     parts.append('<h2>Details</h2><div class="scroll"><table>')
-    parts += [f"<tr><th>{html.escape(key)}</th><td>{value}</td></tr>" for key, value in _list_details(score)]
+    parts += [
+        f"<tr><th>{html.escape(key)}</th><td>{value}</td></tr>"
+        for key, value in _list_details(score, document)
+    ]
     parts.append("</table></div>")
     return parts
 
@@ -147,11 +153,16 @@ def _list_numbers(score: Score) -> list[str]:
     return [f"<div><dt>{key}</dt><dd>{value}</dd></div>" for key, value in rows]
 
 
-def _list_details(score: Score) -> list[tuple[str, str]]:
+def _list_details(score: Score, document: dict[str, Any]) -> list[tuple[str, str]]:
     """Return the rows of the table of details; values are HTML."""
     rows = [("Structure", html.escape(f"{score.structure.verdict.upper()}: {score.structure.sentence}"))]
     sizes = ", ".join(f"{width} x {height}" for width, height in score.structure.textures)
     rows.append(("Textures", sizes or "none"))
+    if score.structure.texel_density is not None:
+        rows.append(("Texel density", f"{score.structure.texel_density:.4g} texels per unit of the asset"))
+    for tried in document["trial"] or ():
+        text = f"{tried['outcome']}; {tried['why']}" if tried["why"] else tried["outcome"]
+        rows.append((f"Trial: {tried['task']}", html.escape(text)))
     pose = score.pose
     if pose is not None:
         text = f"{pose.source}, scale {pose.scale:.6g}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -70,6 +71,14 @@ def score(
         )
     if 0 < options.walk < 3:
         raise UsageError("USAGE", f"--walk is {options.walk}; a walk needs at least 3 frames")
+    if options.trial:
+        if find_spec("msb.trial") is None:
+            raise UsageError(
+                "EXTRA_MISSING", "--trial needs msb.trial, which is not part of this installation"
+            )
+        from msb.trial.registry import check_libraries, select_tasks
+
+        check_libraries(select_tasks(options.trial))
     conditions = [parse_condition(text) for text in options.fail_on]
     if options.out is not None:
         output.check_folder(options.out)
@@ -96,9 +105,13 @@ def score(
                 device=drawing.device,
             )
         document = entry.to_dict()
+        if options.trial:
+            document["trial"] = _try_tasks(path, options.trial, drawing.device)
         scores.append(entry)
         if output.prints_text:
             _print_score(entry, capture, output)
+            for tried in document["trial"] or ():
+                echo(one_line(f"{'':<10} {tried['task']}: {tried['outcome']}; {tried['why'] or ''}"))
         if len(scores) > 1:
             comparisons.append(compare_scores(scores[0], entry))
             document["compared"] = comparisons[-1].to_dict()
@@ -115,6 +128,15 @@ def score(
         if output.prints_text:
             echo(f"certificate: {one_line(str(options.out / 'index.html'))}")
     return status
+
+
+def _try_tasks(path: Path, tasks: tuple[str, ...], device: str | None) -> list[dict[str, Any]]:
+    """Return the outcomes of tasks on an asset."""
+    from msb.api.opening import open
+    from msb.trial.run import try_asset
+
+    tried = try_asset(open(path), tasks, device=device).trials
+    return [{"task": trial.task, "outcome": trial.outcome, "why": trial.why} for trial in tried]
 
 
 def _print_score(entry: Score, capture: Capture, output: Output) -> None:

@@ -26,6 +26,7 @@ from msb.base.files import file_sha256, regular_file
 from msb.base.paths import given_path
 from msb.errors import SceneError, Unsupported
 from msb.meshes.assets import mesh_from_asset
+from msb.meshes.mesh import Mesh
 from msb.metrics.images import PSNR_CAP
 from msb.score.capture import Capture, Protocol
 from msb.score.evidence import Evidence, Flag, gather_evidence, raise_flags
@@ -41,13 +42,17 @@ _MOST_BYTES, _TOLERANCE = 1 << 20, 1e-4
 
 @dataclass(frozen=True)
 class Structure:
-    """The file of an asset: verdict and sentence of its audit, faces, bytes, and sizes of its textures."""
+    """The file of an asset: verdict and sentence of its audit, faces, bytes, and sizes of its textures.
+
+    `texel_density` is the number of texels along a unit of length of the asset, on average over its area.
+    """
 
     verdict: str
     sentence: str
     faces: int
     bytes: int
     textures: list[list[int]]
+    texel_density: float | None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON data."""
@@ -145,6 +150,7 @@ class Score:
             "flags": [vars(flag) for flag in self.flags],
             "evidence": None if self.evidence is None else self.evidence.to_dict(),
             "walk": None if self.steadiness is None else self.steadiness.to_dict(),
+            "trial": None,
             "compared": None,
             "protocol": self.protocol.to_dict(),
             "hashes": self.hashes,
@@ -296,12 +302,28 @@ def read_matrix(path: Path) -> np.ndarray[Any, np.dtype[np.float64]]:
 
 
 def _describe_structure(path: Path, asset: Asset, audit: Audit) -> Structure:
-    buffers = asset.buffers
-    textures = [
-        [array.shape[1], array.shape[0]] for name, array in buffers.items() if name.startswith("texture.")
-    ]
+    images = [array for name, array in asset.buffers.items() if name.startswith("texture.")]
+    textures = [[image.shape[1], image.shape[0]] for image in images]
     size = sum(file.stat().st_size for file in _list_files(path))
-    return Structure(audit.verdict, audit.sentence, audit.counts.faces, size, textures)
+    density = _measure_texel_density(mesh_from_asset(asset)) if images else None
+    return Structure(audit.verdict, audit.sentence, audit.counts.faces, size, textures, density)
+
+
+def _measure_texel_density(mesh: Mesh) -> float | None:
+    """Return the square root of texels per area; None for a mesh without area."""
+    uvs = mesh.corner_uvs
+    if uvs is None and mesh.vertex_uvs is not None:
+        uvs = mesh.vertex_uvs[mesh.faces.reshape(-1)]
+    if uvs is None:
+        return None
+    number = np.zeros(len(mesh.faces), int) if mesh.face_textures is None else mesh.face_textures
+    sizes = np.array([image.shape[1::-1] for image in mesh.textures], np.float64)[number]
+    # Twice the area of each face: in texels, and in units of the asset.
+    a, b = (uvs.reshape(-1, 3, 2)[:, k].astype(np.float64) - uvs.reshape(-1, 3, 2)[:, 0] for k in (1, 2))
+    texels = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) * sizes.prod(axis=1)
+    corners = mesh.vertices[mesh.faces].astype(np.float64)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return math.sqrt(texels.sum() / area.sum()) if area.sum() > 0 else None
 
 
 def _list_files(path: Path) -> list[Path]:

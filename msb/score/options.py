@@ -72,6 +72,10 @@ class ScoreOptions:
             "Measure shimmer and popping on a walk of this many frames, such as 240.", least=0, most=10_000
         ),
     ] = 0
+    trial: Annotated[
+        tuple[str, ...],
+        Option("Also try this task of msb trial, such as collision. May be repeated.", metavar="TASK"),
+    ] = ()
     supersample: Annotated[
         int,
         Option("Samples along each side of a pixel. msb run takes 1.", least=1, most=16),

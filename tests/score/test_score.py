@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -157,8 +158,25 @@ def test_photographs_without_features_leave_an_asset_unverified(capture: Capture
     assert result.verdict.startswith("UNVERIFIED")
 
 
+def test_the_texel_density_of_a_card(capture: Capture, tmp_path: Path) -> None:
+    camera = capture.scene.train[0]
+    path = saved(tricks.card(capture.scene, camera, 2.0), tmp_path, "asset.obj")
+    structure = measure(path, capture, pose="capture").structure
+    assert structure.textures == [[camera.width, camera.height]]
+    assert structure.texel_density == pytest.approx(camera.fx / 2, rel=1e-4)
+
+
+@pytest.mark.slow
+def test_a_trial_is_in_the_document(here: Here, tmp_path: Path) -> None:
+    pytest.importorskip("msb.trial")
+    words = ("score", "--pose", "capture", "--capture", CAPTURE, saved(MESH, tmp_path), "--json", "-")
+    (entry,) = here(*words, "--trial", "subdivide").json["trial"]
+    assert (entry["task"], entry["outcome"]) == ("subdivide", "works")
+    assert here(*words, "--trial", "dance").status == 2
+
+
 def test_conditions() -> None:
-    document = {"path": "a", "looks": {"psnr": 20.0, "lpips": None}, "flags": [{}], "pose": None}
+    document: dict[str, Any] = {"path": "a", "looks": {"psnr": 20.0, "lpips": None}, "flags": [{}], "pose": None}
     assert parse_condition("psnr<24").check(document) is not None
     assert parse_condition("psnr < 19").check(document) is None
     assert parse_condition("lpips>1").check(document) is not None  # it is not measured
@@ -180,7 +198,7 @@ def test_the_command_writes_documents_and_a_certificate(here: Here, tmp_path: Pa
     keys = {"path", "capture", "status", "why", "pose", "views", "looks", "structure", "flags", "seconds"}
     assert keys <= set(first)
     assert set(first["hashes"]) == {"asset", "capture", "protocol"}
-    assert {"verdict", "sentence", "faces", "bytes", "textures"} == set(first["structure"])
+    assert {"verdict", "sentence", "faces", "bytes", "textures"} < set(first["structure"])
     assert first["views"]["test"] == 4
     assert first["walk"]["shimmer"] >= 0
     assert second["compared"]["differences"]["psnr"]["mean"] < 0
