@@ -48,6 +48,8 @@ _TURNS = ((32.0, 12), (16.0, 16), (8.0, 20), (5.0, 30))
 # Largest number of guesses that are refined, for each handedness. The best is compared with one of the other
 # handedness that has at least this share of its matches.
 _GUESSES, _RIVAL = 2, 0.3
+# Share of the photographs of the last turn that must agree. Below it, views from inside are tried as well.
+_MOST_AGREE = 0.7
 # Least number of photographs that agree, and the largest residual in pixels of a found pose.
 LEAST_PHOTOGRAPHS, MAX_RESIDUAL = 3, 2.0
 # Least share of a photograph's matches in the last turn within this residual; chance gives 0.13. Matches
@@ -198,31 +200,33 @@ def find_pose(
         text = f"{rich} of {len(photographs)} photographs have enough features; at least 3 must"
         raise PoseNotFoundError(text)
     reason = "no photograph matches a view of the asset"
-    seen: list[tuple[Features, Reals]] = []
+    found: list[tuple[int, Pose]] = []
     with _Drawer(mesh, device) as drawer:
         for cameras in (_views_around(), _views_inside()):
-            seen += [drawer.draw(camera, _DRAWN_FEATURES) for camera in cameras]
+            seen = [drawer.draw(camera, _DRAWN_FEATURES) for camera in cameras]
             step()
             guesses = [guess for mirrored in (False, True) for guess in _guess(photographs, seen, mirrored)]
             guesses.sort(key=lambda guess: -guess.agreeing)
             step()
-            # Parts of an object can be symmetric, so the mirror image can also agree, with fewer matches.
-            found: list[tuple[int, Pose]] = []
+            # A part of an object can be symmetric, and a wall seen from behind is its own mirror image. A
+            # mirror image then also agrees, with fewer matches.
+            refined: dict[bool, tuple[int, Pose]] = {}
             for guess in guesses[: 2 * _GUESSES]:
-                is_rival = (
-                    guess.mirrored != guesses[0].mirrored and guess.agreeing >= _RIVAL * guesses[0].agreeing
-                )
-                if found and not is_rival:
+                is_weak = guess.agreeing < _RIVAL * guesses[0].agreeing
+                if guess.mirrored in refined or (refined and is_weak):
                     continue
                 try:
-                    found.append(_refine(drawer, guess, photographs))
+                    refined[guess.mirrored] = _refine(drawer, guess, photographs)
                 except PoseNotFoundError as error:
                     reason = str(error)
-                if len(found) == 2:
-                    break
-            if found:
-                return max(found, key=lambda entry: entry[0])[1]
-    raise PoseNotFoundError(reason)
+            found += refined.values()
+            best = max(found, key=lambda entry: entry[0], default=None)
+            # A part of the photographs can also match a part of a room from the wrong side.
+            if best is not None and best[1].photographs >= _MOST_AGREE * min(_TURNS[-1][1], len(photographs)):
+                break
+    if best is None:
+        raise PoseNotFoundError(reason)
+    return best[1]
 
 
 def _views_around() -> Iterator[Camera]:
