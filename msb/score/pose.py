@@ -203,6 +203,7 @@ def find_pose(
     found: list[tuple[int, Pose]] = []
     with _Drawer(mesh, device) as drawer:
         for cameras in (_views_around(), _views_inside()):
+            drawer.mirror(False)
             seen = [drawer.draw(camera, _DRAWN_FEATURES) for camera in cameras]
             step()
             guesses = [guess for mirrored in (False, True) for guess in _guess(photographs, seen, mirrored)]
