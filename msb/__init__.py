@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from msb.render import Frame, Renderer, render
     from msb.repair import Repaired, repair
     from msb.scenes import Camera, read_cameras
+    from msb.score import score
     from msb.topology import Audit
     from msb.trial import trial
     from msb.why import why
@@ -52,7 +53,7 @@ _HOME = {
     "validate": "msb.api.validating",
 }
 # Packages of the public API. All these packages except `metrics` can also be called as functions.
-_PACKAGES = ("bake", "metrics", "render", "repair", "trial", "why")
+_PACKAGES = ("bake", "metrics", "render", "repair", "score", "trial", "why")
 
 __all__ = [
     "Asset",
@@ -78,6 +79,7 @@ __all__ = [
     "render",
     "repair",
     "save",
+    "score",
     "trial",
     "validate",
     "why",

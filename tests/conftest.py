@@ -42,6 +42,7 @@ CAPABILITIES = {
     "bake": ("msb/bake", "tests/bake"),
     "trial": ("msb/trial", "tests/trial"),
     "why": ("msb/why", "tests/why"),
+    "score": ("msb/score", "tests/score"),
     "bench": ("msb/bench", "msb/report", "tests/bench", "tests/report", "tests/benchmarks", "benchmarks"),
     "engines": ("msb/engines", "tests/engines"),
     "viewers": ("viewers", "tests/viewers"),

@@ -109,6 +109,7 @@ COMMAND_PAGES = {
     "convert": ("meshes", "export"),
     "bake": ("bake",),
     "why": ("worse",),
+    "score": ("score",),
     "methods": ("export", "cli"),
     "render": ("rendering",),
     "compare": ("viewer",),

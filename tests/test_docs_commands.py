@@ -43,6 +43,7 @@ NOT_RUN = {
     r"msb repair --compare ": "takes minutes; a shorter one is an example of --help, which is run",
     r"msb bake --(for-solid|scene) ": "takes minutes; it is an example of --help, which is run",
     r"msb bake scene.compressed.ply ": "takes minutes; tests/bake bakes Gaussians",
+    r"msb score (?!.*--pose capture)": "takes a minute; tests/score find poses",
     r"msb run --scheduler ": "needs a cluster; tests/bench/test_interruption.py starts one",
 }
 """Patterns of commands that are not run, with the reason. Options of our commands are at least parsed."""

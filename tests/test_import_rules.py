@@ -29,8 +29,10 @@ ALLOWED: dict[str, set[str]] = {
     "cli": GROUND,
     "command_files": GROUND | {"cli", "api", "meshes"},
     "__init__": GROUND
-    | {"topology", "render", "repair", "trial", "bake", "adapters", "metrics", "api", "why", "delivery"},
+    | {"topology", "render", "repair", "trial", "bake", "adapters", "metrics", "api", "why", "delivery"}
+    | {"score"},
     "why": GROUND | {"adapters", "meshes", "metrics", "api", "render", "views"},
+    "score": GROUND | {"meshes", "metrics", "api", "render", "topology"},
     # Opening files, auditing assets, and writing files.
     "api": GROUND | {"meshes", "adapters", "topology"},
     # Writing files for the web. The precision of such files is chosen by renderings.
@@ -106,6 +108,7 @@ These packages parse arguments, open files and choose renderers.
 """
 COMMANDS: dict[str, set[str]] = {
     "repair": {"trial", "views", "delivery", "adapters"},
+    "score": {"trial"},
     "scenes": {"metrics"},
     "api": {"report", "viewers", "delivery"},
     "engines": {"views"},
@@ -162,6 +165,7 @@ FOREIGN: dict[str, set[str]] = {
     "cli": {"numpy", "typer", "rich", "msb_viewers"},
     "viewers": {"numpy", "PIL", "pyvista", "vtkmodules", "matplotlib"},
     "bench": {"numpy", "scipy", "pydantic", "PIL", "filelock", "psutil", "pynvml", "distributed"},
+    "score": {"numpy", "scipy", "PIL", "cv2"},
     "bake": {"numpy", "scipy", "skimage", "fast_simplification", "xatlas", "coacd"},
     "engines": {"numpy", "wgpu", "bpy", "mathutils", "gpu", "OpenEXR", "PIL"},
     "trial": {"numpy", "scipy", "PIL", "trimesh", "igl", "pymeshlab", "manifold3d", "xatlas", "coacd"}

@@ -203,7 +203,8 @@ def test_validate_agrees_with_the_command(tmp_path: Path, mesh_file: Path) -> No
 
 
 @pytest.mark.parametrize(
-    "name", [each for each in ("bake", "render", "repair", "trial", "why") if find_spec(f"msb.{each}")]
+    "name",
+    [each for each in ("bake", "render", "repair", "score", "trial", "why") if find_spec(f"msb.{each}")],
 )
 def test_a_callable_package_is_called_like_its_function(name: str) -> None:
     package: Any = getattr(msb, name)

@@ -44,7 +44,7 @@ def test_a_document_has_its_schema_and_the_version(msb: Msb, tmp_path: Path, lin
 def test_the_documentation_has_the_keys_of_these_commands() -> None:
     assert set(_documented_keys()) == {
         *("audit", "bench", "capture", "devices", "export", "info", "methods", "render", "repair", "scenes"),
-        *("validate", "why"),
+        *("score", "validate", "why"),
     }
 
 
