@@ -34,13 +34,19 @@ _BASE_GIB, _GIB_PER_GIB = 1.0, 16.0
 Job = dict[str, Any]
 
 
-def unpack(document: Document, meshes: list[int]) -> None:
+def unpack(document: Document, meshes: list[int], *, every_view: bool = False) -> None:
     """Decode the compressed arrays of `meshes` unless the file also has an uncompressed copy.
+
+    With `every_view`, all other compressed buffer views are decoded, too, for example those of animations.
 
     Decoded buffer views are stored in `document.views`. Attributes and indices of Draco primitives are stored
     in `document.packed`. Their total size is limited by `document.limit`.
     """
     jobs = list(_list_jobs(document, meshes))
+    if every_view:
+        known = {job["view"] for job in jobs if "view" in job}
+        views = range(len(document.array(document.root, "bufferViews", "")))
+        jobs += [job for view in views if view not in known for job in _list_meshopt_jobs(document, view)]
     if all(job.get("optional") for job in jobs):
         return
     # Check the declared sizes. Compute the limit after all buffers are read, so that linked files count for
