@@ -40,18 +40,20 @@ def make_patch_hulls(surface: PointsAndFaces, count: int) -> list[PointsAndFaces
     return [make_hull(patch) for patch in split_into_patches(*surface, min(count, _MAX_HULLS))]
 
 
-def cut_convex(points: Floats, faces: Ints, most: int, seconds: float) -> tuple[list[PointsAndFaces], str]:
+def cut_convex(
+    points: Floats, faces: Ints, most: int, seconds: float, *, by_voxels: bool = False
+) -> tuple[list[PointsAndFaces], str]:
     """Return at most `most` convex parts of a surface by CoACD, else by V-HACD.
 
     The second value is empty, or the reason why a library failed. If both fail, there are no parts. CoACD
-    gets `seconds`; its time grows with the number of faces.
+    gets `seconds`; its time grows with the number of faces. With `by_voxels`, V-HACD is tried first.
     """
     why: list[str] = []
     tools: list[tuple[str, str, Work, float]] = [
         ("CoACD", "coacd", cut_in_child, seconds),
         ("V-HACD", "vhacdx", cut_by_voxels_in_child, _VHACD_SECONDS),
     ]
-    for title, module, work, limit in tools:
+    for title, module, work, limit in reversed(tools) if by_voxels else tools:
         if not is_installed(module):
             continue
         reply = run_in_child(work, str(most), {"points": points, "faces": faces}, Limits(limit))

@@ -14,8 +14,9 @@ from msb.lod.report import Shape
 from msb.lod.scene import Floats, Ints
 from msb.lod.simplification import merge_places, simplify_arrays
 
-# Faces of the surface that hulls are cut from, and that distances are measured to. CoACD took 4 to 40 s with
-# 2,000 faces on 20 props, and did not end within 200 s with 20,000 on six of them.
+# Faces of the surface that hulls are cut from, and of the one that distances are measured to. On a statue of
+# 2,000 faces V-HACD took 4 s and CoACD 190 s on busy cores; both shapes were 1.3 % from the surface, and 37 %
+# and 51 % of their area in mid-air. V-HACD is therefore tried first.
 _CUT_FACES, _MEASURED_FACES = 2000, 50_000
 # Time limit of CoACD in seconds.
 SECONDS = 120.0
@@ -33,7 +34,7 @@ def make_collision(points: Floats, faces: Ints, kind: str, seconds: float = SECO
     """Return a collision shape of this kind for a surface (V, 3), (F, 3).
 
     "mesh:N" is the surface itself with about N faces; it is open where the surface is. "hulls:N" are up to N
-    convex parts by CoACD, else by V-HACD, else hulls of patches. "box" is one box of any orientation.
+    convex parts by V-HACD, else by CoACD, else hulls of patches. "box" is one box of any orientation.
 
     Raises
     ------
@@ -84,5 +85,5 @@ def _make_parts(
         return [_select(points, mesh, mesh, count)], ""
     if count == 1:
         return make_patch_hulls(cut, 1), ""
-    parts, why = cut_convex(*cut, count, seconds)
+    parts, why = cut_convex(*cut, count, seconds, by_voxels=True)
     return parts or make_patch_hulls(measured, count), why

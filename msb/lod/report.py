@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -97,9 +98,19 @@ class Report:
     collision: Shape | None
     notes: tuple[str, ...] = ()
 
-    def with_outputs(self, output: Path, levels: list[Path | None], collision: Path | None) -> Report:
-        """Return the report with the paths of the files."""
-        named = tuple(replace(level, output=path) for level, path in zip(self.levels, levels, strict=True))
+    def with_outputs(
+        self,
+        output: Path,
+        levels: list[Path | None],
+        collision: Path | None,
+        sizes: Mapping[Path, int] | None = None,
+    ) -> Report:
+        """Return the report with the paths of the files, and their sizes in bytes where these are known."""
+        known = sizes or {}
+        named = tuple(
+            replace(level, output=path, bytes=level.bytes if path is None else known.get(path, level.bytes))
+            for level, path in zip(self.levels, levels, strict=True)
+        )
         shape = None if self.collision is None else replace(self.collision, output=collision)
         return replace(self, output=output, levels=named, collision=shape)
 

@@ -52,7 +52,8 @@ class Lods:
     report : Report
     shape : Collision or None
         The parts of the collision shape, in the coordinates of the file.
-    name : str
+    name, source : str
+        The name in the files, and the name of the original file.
     options : LodOptions
     """
 
@@ -62,6 +63,7 @@ class Lods:
     report: Report
     shape: Collision | None
     name: str
+    source: str
     options: LodOptions
 
     def save(
@@ -89,11 +91,13 @@ class Lods:
         if self.shape is not None:
             shape = target if self.collision is None else add_ending(target, "_collision")
             files |= {} if self.collision is None else {shape: self.collision}
-        whole = {name: data for place, glb in files.items() for name, data in _encode(glb, place).items()}
+        encoded = {place: _encode(glb, place) for place, glb in files.items()}
+        whole = {name: data for parts in encoded.values() for name, data in parts.items()}
         with new_files(list(whole), overwrite=overwrite) as streams:
             for stream, data in zip(streams, whole.values(), strict=True):
                 stream.write(data)
-        return self.report.with_outputs(target, kept, shape)
+        sizes = {place: sum(map(len, parts.values())) for place, parts in encoded.items()}
+        return self.report.with_outputs(target, kept, shape, sizes)
 
     def __repr__(self) -> str:
         usable = sum(level.is_usable for level in self.report.levels)
@@ -225,7 +229,7 @@ class _Run:
         report = Report(None, scene.face_count, tuple(levels), shape.report if shape else None, tuple(notes))
         alone = None if shape is None or is_inside else self._write_collision(shape)
         self.progress("done", steps, steps)
-        return Lods(whole, tuple(files), alone, report, shape, self.name, options)
+        return Lods(whole, tuple(files), alone, report, shape, self.name, path.name, options)
 
     def _choose_placing(self, mesh: Mesh) -> Placing:
         """Return the scale, and the offset that puts the asset on the floor and into the middle."""

@@ -68,14 +68,22 @@ class Scene:
         """The number of triangles of all meshes; a mesh counts once, however many nodes show it."""
         return sum(len(part.faces) for part in self.parts)
 
-    def joined(self) -> tuple[NDArray[np.float32], Ints]:
-        """Return the vertices (V, 3) and faces (F, 3) of all parts, centred and scaled to a size of 1."""
-        points = np.concatenate([part.positions for part in self.parts])
-        starts = np.cumsum([0, *(len(part.positions) for part in self.parts[:-1])])
-        faces = np.concatenate([part.faces + start for part, start in zip(self.parts, starts, strict=True)])
+    def join(self) -> tuple[NDArray[np.float32], Ints, list[Ints]]:
+        """Return the used vertices (V, 3) and faces (F, 3) of all parts, centred and scaled to a size of 1.
+
+        The third value has for each part the rows of its vertices. Unused vertices are left out, because
+        parts often share one array.
+        """
+        rows, faces, start = [], [], 0
+        for part in self.parts:
+            used, number = np.unique(part.faces, return_inverse=True)
+            rows.append(used)
+            faces.append(number.reshape(-1, 3) + start)
+            start += len(used)
+        points = np.concatenate([part.positions[used] for part, used in zip(self.parts, rows, strict=True)])
         low, high = points.min(axis=0), points.max(axis=0)
         unit = (points - (low + high) / 2) / (float((high - low).max()) or 1.0)
-        return unit.astype(np.float32), faces
+        return unit.astype(np.float32), np.concatenate(faces), rows
 
 
 def read_parts(document: Document) -> Scene:

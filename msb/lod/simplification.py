@@ -48,13 +48,13 @@ def simplify_scene(scene: Scene, counts: list[int]) -> list[list[Ints]]:
     MeshError
         MESH_ARRAY: the library failed.
     """
-    points, faces = scene.joined()
-    columns = [_read_columns(scene, name) for name in _WEIGHTS]
+    points, faces, rows = scene.join()
+    columns = [_read_columns(scene, rows, name) for name in _WEIGHTS]
     attributes = np.concatenate(columns, axis=1)
     weights = np.repeat(list(_WEIGHTS.values()), list(_WIDTHS.values()))
     is_used = attributes.any(axis=0)
     # Vertices at which several parts meet keep their part: no collapse joins two materials there.
-    ends = np.cumsum([len(part.positions) for part in scene.parts])
+    ends = np.cumsum([len(used) for used in rows])
     is_shared = np.zeros(len(points), bool)
     if len(ends) > 1:
         part_of = np.searchsorted(ends, np.arange(len(points)), side="right")
@@ -68,10 +68,11 @@ def simplify_scene(scene: Scene, counts: list[int]) -> list[list[Ints]]:
     result = []
     for level in levels:
         owner = np.searchsorted(ends, level[:, 0], side="right")
+        groups = (level[owner == n] - (ends[n] - len(used)) for n, used in enumerate(rows))
         result.append(
             [
-                level[owner == n] - (ends[n] - len(part.positions)) if (owner == n).any() else _largest(part)
-                for n, part in enumerate(scene.parts)
+                used[group] if len(group) else _largest(part)
+                for part, used, group in zip(scene.parts, rows, groups, strict=True)
             ]
         )
     return result
@@ -84,16 +85,15 @@ def _largest(part: Any) -> Ints:
     return largest
 
 
-def _read_columns(scene: Scene, name: str) -> NDArray[np.float32]:
-    """Return an attribute (V, K) of all vertices; zeros for parts without it and for invalid numbers."""
-    rows = []
-    for part in scene.parts:
-        values = np.zeros((len(part.positions), _WIDTHS[name]), np.float32)
+def _read_columns(scene: Scene, rows: list[Ints], name: str) -> NDArray[np.float32]:
+    """Return an attribute (V, K) of all used vertices; zeros for missing and for invalid values."""
+    width, columns = _WIDTHS[name], []
+    for part, used in zip(scene.parts, rows, strict=True):
         stored = part.read(name)
-        if stored is not None and stored.shape[1] >= _WIDTHS[name]:
-            values[:] = np.nan_to_num(stored[:, : _WIDTHS[name]], posinf=0, neginf=0)
-        rows.append(values)
-    return np.concatenate(rows)
+        is_missing = stored is None or stored.shape[1] < width
+        values = np.zeros((len(used), width)) if is_missing or stored is None else stored[used, :width]
+        columns.append(np.nan_to_num(values.astype(np.float32), posinf=0, neginf=0))
+    return np.concatenate(columns)
 
 
 def simplify_arrays(

@@ -32,7 +32,7 @@ def write(kind: Kind, mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     """
     need_extra("usd", "pxr", what="a USD file")
     has_images = kind == "usdz" or style.stem is not None
-    layer = _build_stage(mesh, name_images(mesh, style) if has_images else [], style)
+    layer = build_stage(mesh, name_images(mesh, style) if has_images else [], style)
     if kind == "usda":
         stream.write(layer.ExportToString().encode())
         return
@@ -50,7 +50,7 @@ def write(kind: Kind, mesh: Mesh, stream: BinaryIO, style: Style) -> None:
                 member.write(data)
 
 
-def _build_stage(mesh: Mesh, images: list[str], style: Style) -> Any:
+def build_stage(mesh: Mesh, images: list[str], style: Style) -> Any:
     """Return the layer of the complete stage."""
     from pxr import Kind as Kinds
     from pxr import Sdf, Usd, UsdGeom, UsdPhysics
