@@ -29,12 +29,12 @@ ALLOWED: dict[str, set[str]] = {
     "cli": GROUND,
     "command_files": GROUND | {"cli", "api", "meshes"},
     "__init__": GROUND
-    | {"topology", "render", "repair", "trial", "bake", "adapters", "metrics", "api", "why", "delivery"},
+    | {"topology", "render", "repair", "trial", "bake", "lod", "adapters", "metrics", "api", "why", "delivery"},
     "why": GROUND | {"adapters", "meshes", "metrics", "api", "render", "views"},
     # Opening files, auditing assets, and writing files.
     "api": GROUND | {"meshes", "adapters", "topology"},
     # Writing files for the web. The precision of such files is chosen by renderings.
-    "delivery": GROUND | {"adapters", "api", "meshes", "render", "views"},
+    "delivery": GROUND | {"adapters", "api", "meshes", "render", "topology", "views"},
     "views": GROUND | {"adapters", "meshes", "metrics", "render"},
     "errors": set(),
     # The registry and the declarations of methods, which use `scenes` to declare how datasets are read.
@@ -82,6 +82,7 @@ ALLOWED: dict[str, set[str]] = {
     "repair": GROUND | {"api", "meshes", "topology", "metrics", "render"},
     # A trial can test a repaired mesh.
     "trial": GROUND | {"api", "meshes", "topology", "metrics", "render", "repair", "views"},
+    "lod": GROUND | {"adapters", "api", "delivery", "meshes", "render", "topology", "views"},
     "bake": GROUND
     | {
         "adapters",
@@ -138,6 +139,8 @@ LAZY = {
     "fast_simplification",
     "coacd",
     "meshopt",
+    "almeshopt",
+    "vhacdx",
     "DracoPy",
     "pxr",
     "usd_validation_nvidia",
@@ -162,7 +165,9 @@ FOREIGN: dict[str, set[str]] = {
     "cli": {"numpy", "typer", "rich", "msb_viewers"},
     "viewers": {"numpy", "PIL", "pyvista", "vtkmodules", "matplotlib"},
     "bench": {"numpy", "scipy", "pydantic", "PIL", "filelock", "psutil", "pynvml", "distributed"},
-    "bake": {"numpy", "scipy", "skimage", "fast_simplification", "xatlas", "coacd"},
+    "bake": {"numpy", "scipy", "skimage", "fast_simplification", "xatlas"},
+    "delivery": {"numpy", "scipy", "coacd", "vhacdx"},
+    "lod": {"numpy", "PIL", "almeshopt", "pxr"},
     "engines": {"numpy", "wgpu", "bpy", "mathutils", "gpu", "OpenEXR", "PIL"},
     "trial": {"numpy", "scipy", "PIL", "trimesh", "igl", "pymeshlab", "manifold3d", "xatlas", "coacd"}
     | {"fast_simplification"},
