@@ -9,7 +9,7 @@ from pathlib import Path
 from msb.adapters.locate import is_mesh_file
 from msb.api.opening import open as open_asset
 from msb.base.files import read_file
-from msb.errors import MeshFileError
+from msb.errors import MeshError, MeshFileError
 from msb.meshes import Mesh, read_mesh
 from msb.meshes.assets import fit_to_format, mesh_from_asset, without_bad_faces
 from msb.meshes.formats import Style
@@ -47,6 +47,8 @@ def open_as_gltf(path: Path) -> tuple[Document, list[str]]:
 
 def open_mesh(mesh: Mesh, *, is_lit: bool) -> Document:
     """Return a mesh as a glTF document."""
+    if not len(mesh.faces):
+        raise MeshError("MESH_ARRAY", "the file has no triangles, so there is nothing to reduce")
     shaped = with_smooth_normals(mesh) if is_lit else mesh
     file = io.BytesIO()
     write(fit_to_format(replace(shaped, left_out=()), ".glb"), file, Style(is_lit=is_lit))

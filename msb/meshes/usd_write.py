@@ -211,23 +211,29 @@ def _add_texture(
     surface = _add_material(stage, path, color_input)
     kinds = Sdf.ValueTypeNames
     reader = _add_shader(stage, f"{path}/read", "UsdPrimvarReader_float2", varname=(kinds.String, "st"))
-    texture = _add_shader(
-        stage,
-        f"{path}/texture",
-        "UsdUVTexture",
-        file=(kinds.Asset, Sdf.AssetPath(f"./{image}")),
-        sourceColorSpace=(kinds.Token, "sRGB"),
-        wrapS=(kinds.Token, mesh.sampler.wrap_u),
-        wrapT=(kinds.Token, mesh.sampler.wrap_v),
-    )
+    at = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+
+    def add_sampler(name: str, space: str) -> Any:
+        sampler = _add_shader(
+            stage,
+            f"{path}/{name}",
+            "UsdUVTexture",
+            file=(kinds.Asset, Sdf.AssetPath(f"./{image}")),
+            sourceColorSpace=(kinds.Token, space),
+            wrapS=(kinds.Token, mesh.sampler.wrap_u),
+            wrapT=(kinds.Token, mesh.sampler.wrap_v),
+        )
+        sampler.CreateInput("st", kinds.Float2).ConnectToSource(at)
+        return sampler
+
+    texture = add_sampler("texture", "sRGB")
     if color != WHITE:
         texture.CreateInput("scale", kinds.Float4).Set((*color, 1.0))
-    at = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
-    texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(at)
     color = texture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
     surface.GetInput(color_input).ConnectToSource(color)
     if mesh.sampler.alpha_cutoff is not None:
-        alpha = texture.CreateOutput("a", Sdf.ValueTypeNames.Float)
+        # Alpha is not a colour, so it has a reader of its own.
+        alpha = add_sampler("alpha", "raw").CreateOutput("a", Sdf.ValueTypeNames.Float)
         surface.CreateInput("opacity", Sdf.ValueTypeNames.Float).ConnectToSource(alpha)
         surface.CreateInput("opacityThreshold", Sdf.ValueTypeNames.Float).Set(mesh.sampler.alpha_cutoff)
 
