@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from msb.base.option import Option
 from msb.cli.command import command, require
-from msb.cli.output import JsonOutput, Output, echo, is_stdout
-from msb.errors import UsageError, one_line
+from msb.cli.output import JsonOutput, echo, is_stdout
+from msb.errors import UsageError
 from msb.lod.options import LodOptions
 from msb.render.options import RendererOptions, Source
-
-if TYPE_CHECKING:
-    from msb.lod.report import Level, Report
 
 
 @dataclass(frozen=True)
@@ -84,33 +81,7 @@ def lod(
     report = lods.save(place, overwrite=output.force, unusable=output.force)
     output.write_json({"path": str(path), **report.to_dict()})
     if output.prints_text:
-        _print_report(report, output)
-
-
-def _print_report(report: Report, output: Output) -> None:
-    """Print a line for each file, and the notes."""
-    echo(f"{one_line(str(report.output))}: {report.faces:,} faces")
-    for number, level in enumerate(report.levels, 1):
-        place = f"level {number}" if level.output is None else one_line(str(level.output))
-        echo(f"{place}: {_describe(level)}")
-    if (shape := report.collision) is not None and not output.quiet:
-        many = f"{shape.parts} convex parts" if shape.kind == "hulls" else shape.kind
-        echo(
-            f"{one_line(str(shape.output))}: {many}, {shape.faces:,} faces; on average "
-            f"{100 * shape.mean_distance:.1f} % of the diagonal from the surface, "
-            f"{100 * shape.mid_air_share:.0f} % of it in mid-air"
-        )
-        if shape.why:
-            output.note(shape.why)
+        for line in report.describe(is_brief=output.quiet):
+            echo(line)
     for text in report.notes:
         output.note(text)
-
-
-def _describe(level: Level) -> str:
-    """Return the size and the quality of a level in words."""
-    texture = "" if level.texture is None else f", texture {level.texture[0]} x {level.texture[1]}"
-    size = f"{level.faces:,} faces ({100 * level.share:.3g} %), {level.bytes:,} bytes{texture}"
-    if level.is_usable:
-        return f"{size}, {level.psnr:.1f} dB"
-    written = "not usable" if level.output is not None else "not usable, not written"
-    return f"{size}; {written}: {level.why}"

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from msb.errors import one_line
+
 # Smallest PSNR in dB of a usable level, by its share of the faces: from half of the faces up, from a quarter
 # up, and below.
 THRESHOLDS = ((0.5, 35.0), (0.25, 30.0), (0.0, 25.0))
@@ -52,6 +54,15 @@ class Level:
         """Whether it can replace the whole asset at a distance."""
         return self.why is None
 
+    def describe(self) -> str:
+        """Return the size and the quality in words."""
+        texture = "" if self.texture is None else f", texture {self.texture[0]} x {self.texture[1]}"
+        size = f"{self.faces:,} faces ({100 * self.share:.3g} %), {self.bytes:,} bytes{texture}"
+        if self.is_usable:
+            return f"{size}, {self.psnr:.1f} dB"
+        written = "not usable" if self.output is not None else "not usable, not written"
+        return f"{size}; {written}: {self.why}"
+
     def to_dict(self) -> dict[str, Any]:
         """Return the level as JSON data."""
         return {
@@ -83,6 +94,14 @@ class Shape:
     mid_air_share: float
     why: str | None = None
 
+    def describe(self) -> str:
+        """Return the size and the quality in words."""
+        many = f"{self.parts} convex parts" if self.kind == "hulls" else self.kind
+        return (
+            f"{many}, {self.faces:,} faces; on average {100 * self.mean_distance:.1f} % of the diagonal from "
+            f"the surface, {100 * self.mid_air_share:.0f} % of it in mid-air"
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Return the shape as JSON data."""
         return {**vars(self), "output": None if self.output is None else str(self.output)}
@@ -113,6 +132,16 @@ class Report:
         )
         shape = None if self.collision is None else replace(self.collision, output=collision)
         return replace(self, output=output, levels=named, collision=shape)
+
+    def describe(self, *, is_brief: bool = False) -> list[str]:
+        """Return a line for each file. If brief, the collision shape is left out."""
+        lines = [f"{one_line(str(self.output))}: {self.faces:,} faces"]
+        for number, level in enumerate(self.levels, 1):
+            place = f"level {number}" if level.output is None else one_line(str(level.output))
+            lines.append(f"{place}: {level.describe()}")
+        if self.collision is not None and not is_brief:
+            lines.append(f"{one_line(str(self.collision.output))}: {self.collision.describe()}")
+        return lines
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as JSON data, as `msb lod --json` writes it, without the path of the asset."""

@@ -226,7 +226,9 @@ class _Run:
             kept = [n for n, level in enumerate(levels) if level.is_usable] if options.one_file else []
             chosen = [faces[n] for n in kept]
             whole = self._write_joined(scene, chosen, [shares[n] for n in kept], placing, shape)
-        report = Report(None, scene.face_count, tuple(levels), shape.report if shape else None, tuple(notes))
+        made = shape.report if shape is not None else None
+        notes += [made.why] if made is not None and made.why else []
+        report = Report(None, scene.face_count, tuple(levels), made, tuple(notes))
         alone = None if shape is None or is_inside else self._write_collision(shape)
         self.progress("done", steps, steps)
         return Lods(whole, tuple(files), alone, report, shape, self.name, path.name, options)
