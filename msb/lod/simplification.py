@@ -135,17 +135,16 @@ def collapse_in_child(_word: str, arrays: Arrays) -> tuple[Any, Arrays]:
     faces, points, attributes, weights = (
         np.array(arrays[name], order="C") for name in ("faces", "points", "attributes", "weights")
     )
+    if not len(weights):  # the function without attributes would ignore the protection
+        attributes, weights = np.zeros((len(points), 1), np.float32), np.ones(1, np.float32)
     levels: dict[str, NDArray[Any]] = {}
     for number, count in enumerate(arrays["counts"].tolist()):
         # Prune removes small loose pieces. Where nothing else can be removed, it would remove everything.
         for extra in (almeshopt.SIMPLIFY_PRUNE, 0):
             settings = {"target_error": 1.0, "vertex_lock": lock, "options": options | extra}
-            if len(weights):
-                found = almeshopt.simplify_with_attributes(
-                    faces, points, attributes, weights, 3 * count, **settings
-                )[0]
-            else:
-                found = almeshopt.simplify(faces, points, 3 * count, **settings)[0]
+            found = almeshopt.simplify_with_attributes(
+                faces, points, attributes, weights, 3 * count, **settings
+            )[0]
             if len(found) >= _LEAST_REACHED * 3 * count:
                 break
         levels[str(number)] = np.asarray(found)

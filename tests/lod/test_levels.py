@@ -1,6 +1,7 @@
 """Levels of detail: what they keep, how many faces they have, and when they are usable."""
 
 import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -224,3 +225,13 @@ def test_image_bytes_of_the_whole_stay(ball: Path) -> None:
     made, before = open_glb(msb.lod(ball, lods="none").glb), open_glb(ball.read_bytes())
     for number in range(2):
         assert bytes(read_image_bytes(made, number)) == bytes(read_image_bytes(before, number))
+
+
+def test_no_face_joins_two_parts_without_attributes() -> None:
+    """Two bands of a sphere share a circle of vertices; they have positions only."""
+    scene = read_parts(open_glb(make_glb(parts=2)))
+    bare = [replace(part, attributes={"POSITION": part.attributes["POSITION"]}) for part in scene.parts]
+    for count in (600, 200, 20):
+        (level,) = simplify_scene(replace(scene, parts=tuple(bare)), [count])
+        for part, faces in zip(bare, level, strict=True):
+            assert np.isin(faces, part.faces).all()
