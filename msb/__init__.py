@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from msb.delivery.converting import convert
     from msb.delivery.saving import save
     from msb.errors import MsbError, Unsupported
+    from msb.lod import Lods, lod
     from msb.render import Frame, Renderer, render
     from msb.repair import Repaired, repair
     from msb.scenes import Camera, read_cameras
@@ -40,6 +41,7 @@ _HOME = {
     "convert": "msb.delivery.converting",
     "save": "msb.delivery.saving",
     "Baked": "msb.bake",
+    "Lods": "msb.lod",
     "MsbError": "msb.errors",
     "Unsupported": "msb.errors",
     "Camera": "msb.scenes",
@@ -53,7 +55,7 @@ _HOME = {
     "validate": "msb.api.validating",
 }
 # Packages of the public API. All these packages except `metrics` can also be called as functions.
-_PACKAGES = ("bake", "metrics", "render", "repair", "score", "trial", "why")
+_PACKAGES = ("bake", "lod", "metrics", "render", "repair", "score", "trial", "why")
 
 __all__ = [
     "Asset",
@@ -61,6 +63,7 @@ __all__ = [
     "Baked",
     "Camera",
     "Frame",
+    "Lods",
     "MsbError",
     "Renderer",
     "Repaired",
@@ -73,6 +76,7 @@ __all__ = [
     "convert",
     "export",
     "load",
+    "lod",
     "metrics",
     "open",
     "read_cameras",

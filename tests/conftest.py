@@ -40,6 +40,7 @@ def shorten(words: Sequence[str]) -> list[str]:
 
 CAPABILITIES = {
     "bake": ("msb/bake", "tests/bake"),
+    "lod": ("msb/lod", "tests/lod"),
     "trial": ("msb/trial", "tests/trial"),
     "why": ("msb/why", "tests/why"),
     "score": ("msb/score", "tests/score"),

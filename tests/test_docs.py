@@ -108,6 +108,7 @@ COMMAND_PAGES = {
     "export": ("export",),
     "convert": ("meshes", "export"),
     "bake": ("bake",),
+    "lod": ("lod",),
     "why": ("worse",),
     "score": ("score",),
     "methods": ("export", "cli"),

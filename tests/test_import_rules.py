@@ -29,14 +29,14 @@ ALLOWED: dict[str, set[str]] = {
     "cli": GROUND,
     "command_files": GROUND | {"cli", "api", "meshes"},
     "__init__": GROUND
-    | {"topology", "render", "repair", "trial", "bake", "adapters", "metrics", "api", "why", "delivery"}
-    | {"score"},
+    | {"topology", "render", "repair", "trial", "bake", "lod", "adapters", "metrics", "api", "why"}
+    | {"delivery", "score"},
     "why": GROUND | {"adapters", "meshes", "metrics", "api", "render", "views"},
     "score": GROUND | {"meshes", "metrics", "api", "render", "topology"},
     # Opening files, auditing assets, and writing files.
     "api": GROUND | {"meshes", "adapters", "topology"},
     # Writing files for the web. The precision of such files is chosen by renderings.
-    "delivery": GROUND | {"adapters", "api", "meshes", "render", "views"},
+    "delivery": GROUND | {"adapters", "api", "meshes", "render", "topology", "views"},
     "views": GROUND | {"adapters", "meshes", "metrics", "render"},
     "errors": set(),
     # The registry and the declarations of methods, which use `scenes` to declare how datasets are read.
@@ -84,6 +84,7 @@ ALLOWED: dict[str, set[str]] = {
     "repair": GROUND | {"api", "meshes", "topology", "metrics", "render"},
     # A trial can test a repaired mesh.
     "trial": GROUND | {"api", "meshes", "topology", "metrics", "render", "repair", "views"},
+    "lod": GROUND | {"adapters", "api", "delivery", "meshes", "render", "topology", "views"},
     "bake": GROUND
     | {
         "adapters",
@@ -109,6 +110,7 @@ These packages parse arguments, open files and choose renderers.
 COMMANDS: dict[str, set[str]] = {
     "repair": {"trial", "views", "delivery", "adapters"},
     "score": {"trial"},
+    "bake": {"adapters", "lod"},
     "scenes": {"metrics"},
     "api": {"report", "viewers", "delivery"},
     "engines": {"views"},
@@ -141,6 +143,8 @@ LAZY = {
     "fast_simplification",
     "coacd",
     "meshopt",
+    "almeshopt",
+    "vhacdx",
     "DracoPy",
     "pxr",
     "usd_validation_nvidia",
@@ -166,7 +170,9 @@ FOREIGN: dict[str, set[str]] = {
     "viewers": {"numpy", "PIL", "pyvista", "vtkmodules", "matplotlib"},
     "bench": {"numpy", "scipy", "pydantic", "PIL", "filelock", "psutil", "pynvml", "distributed"},
     "score": {"numpy", "scipy", "PIL", "cv2"},
-    "bake": {"numpy", "scipy", "skimage", "fast_simplification", "xatlas", "coacd"},
+    "bake": {"numpy", "scipy", "skimage", "fast_simplification", "xatlas"},
+    "delivery": {"numpy", "scipy", "coacd", "vhacdx"},
+    "lod": {"numpy", "PIL", "almeshopt", "pxr"},
     "engines": {"numpy", "wgpu", "bpy", "mathutils", "gpu", "OpenEXR", "PIL"},
     "trial": {"numpy", "scipy", "PIL", "trimesh", "igl", "pymeshlab", "manifold3d", "xatlas", "coacd"}
     | {"fast_simplification"},

@@ -29,11 +29,11 @@ from msb.bake.depth_fusion import (
 )
 from msb.bake.descent import StepSchedule
 from msb.bake.fairing import fair, smooth
-from msb.bake.options import MIN_CLOSED_FACES
 from msb.bake.shape import measure_bending
 from msb.bake.soup import Soup
 from msb.bake.space import Space
 from msb.cl import Device
+from msb.delivery.collision_kinds import MIN_CLOSED_FACES
 from msb.errors import AssetError
 from msb.meshes.mesh import Mesh
 from msb.scenes import Camera

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from msb.bake.arrays import Floats, Ints, Mask, Singles
 from msb.bake.color_fit import make_edge_laplacian
-from msb.bake.options import MIN_CLOSED_FACES
+from msb.delivery.collision_kinds import MIN_CLOSED_FACES
 from msb.meshes.mesh import Mesh
 from msb.topology.components import label_components
 from msb.topology.crossings import find_crossing_pairs

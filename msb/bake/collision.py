@@ -8,37 +8,37 @@ convex hulls of patches of the mesh are used. `Collision.kind` names the kind of
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from msb.bake.arrays import Floats, Ints
 from msb.bake.candidate_surface import enclose
 from msb.bake.closed_mesh import drop_unused_points, repair_closed, separate_vertices
 from msb.bake.depth_fusion import find_visible_points
-from msb.bake.hulls import PATCH_CORNERS, PointsAndFaces, fit_box, make_hull, split_into_patches
-from msb.bake.options import CollisionKind, parse_collision
 from msb.bake.requirements import need_enclosure
 from msb.bake.simplification import is_closed_surface, simplify
 from msb.bake.space import Space
-from msb.bake.surface_distance import POINTS, measure_distances, sample_surface
-from msb.base.children import Arrays, run_in_child
-from msb.base.limits import Limits
 from msb.cl import Device
+from msb.delivery.collision_kinds import CollisionKind, parse_collision
+from msb.delivery.collision_shapes import (
+    COACD_FACES,
+    PROTRUSION,
+    cut_convex,
+    make_patch_hulls,
+    measure_protrusion,
+)
+from msb.delivery.hulls import PATCH_CORNERS, PointsAndFaces, fit_box
+from msb.delivery.surface_distance import POINTS, measure_distances, sample_surface
 from msb.errors import AssetError, MeshError
 from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
 from msb.topology.faces import signed_volume
-from msb.topology.hulls import HULL_CORNERS
 from msb.topology.weld import weld_vertices
 
 # All lengths are relative to the diagonal of the bounding box of the visible surface.
 
 # Default time limit of CoACD in seconds. CoACD can run for minutes, and does not end for some surfaces.
 SECONDS = 20.0
-# A part of a shape protrudes if its distance from the visible surface exceeds this value.
-PROTRUSION = 0.02
 # An unseen side of an enclosure moves to this distance from the mesh. Only sides within `2 * PROTRUSION` of
 # the mesh are moved. These sides do not count as protruding.
 _NEAR = PROTRUSION / 2
@@ -63,15 +63,6 @@ _FRONT_SHARE, _SHEET_THICKNESS = 0.45, 0.02
 # A surface is first simplified to this multiple of its face budget, then to the budget. Simplification in a
 # single step would give a far worse shape.
 _FIRST_STEP_FACTOR = 8
-# Largest number of hulls of surface patches. The number limits the time to cut the patches.
-_MAX_HULLS = 256
-# A convex part covers all points within this distance.
-_TOUCH_DISTANCE = 1e-3
-# A closed surface is simplified to this number of faces before CoACD, because CoACD is slow for many faces.
-_COACD_FACES = 2000
-# Two parameters of CoACD: the number of sample points on a surface, and the number of trials per cut. The
-# values are below CoACD's defaults of 2000 and 150, so that CoACD finishes in time.
-_COACD_SAMPLES, _COACD_TRIALS = 1000, 60
 _TINY = np.finfo(np.float64).tiny
 
 
@@ -172,7 +163,7 @@ def make_collision(
     )
     shape = Mesh((middle + size * joined[0]).astype(np.float32), joined[1], up=mesh.up)
     distance = float(measure_distances(samples, *joined).mean())
-    protruding = _measure_protrusion(parts, joined, surface)
+    protruding = measure_protrusion(parts, joined, surface)
     shape = separate_vertices(shape) if actual_kind == "mesh" else shape
     return Collision(shape, actual_kind, len(parts), distance, protruding, why)
 
@@ -198,27 +189,23 @@ def _make_parts(
         why = "the mesh is not closed, so hulls of patches of its surface are used"
         if space is not None:
             why = "the mesh is not closed and encloses nothing, so hulls of patches of its surface are used"
-        return "hulls", _make_patch_hulls(surface, hulls), why
+        return "hulls", make_patch_hulls(surface, hulls), why
     if space is not None and space.contracted:
         patch = _drop_sky(solid, surface, space)
         if requested == "mesh":
             return "mesh", [_make_sheet(patch, count, space)], ""
         return (
             "hulls",
-            _make_patch_hulls(patch, count),
+            make_patch_hulls(patch, count),
             "for a scene, hulls of patches of its surface are used",
         )
     if requested == "mesh":
         return "mesh", [_reduce(solid, count)], ""
     if signed_volume(*solid) <= 0:
         why = "the surface is wound inwards, so hulls of patches of it are used"
-        return "hulls", _make_patch_hulls(surface, count), why
-    parts, why = _run_coacd(*solid, count, seconds)
-    return "hulls", parts or _make_patch_hulls(surface, count), why
-
-
-def _make_patch_hulls(surface: PointsAndFaces, count: int) -> list[PointsAndFaces]:
-    return [make_hull(patch) for patch in split_into_patches(*surface, min(count, _MAX_HULLS))]
+        return "hulls", make_patch_hulls(surface, count), why
+    parts, why = cut_convex(*simplify(*solid, COACD_FACES), count, seconds)
+    return "hulls", parts or make_patch_hulls(surface, count), why
 
 
 def _find_visible(
@@ -347,63 +334,3 @@ def _measure_far_factor(offset: Floats) -> Floats:
     """Return the distance (n, 1) of points (n, 3) from the origin, at least 1."""
     factor: Floats = np.maximum(np.linalg.norm(offset, axis=1, keepdims=True), 1)
     return factor
-
-
-def _run_coacd(points: Floats, faces: Ints, most: int, seconds: float) -> tuple[list[PointsAndFaces], str]:
-    """Cut a closed surface into at most `most` convex parts.
-
-    If this fails, return no parts and the reason.
-    """
-    points, faces = simplify(points, faces, _COACD_FACES)
-    reply = run_in_child(cut_in_child, str(most), {"points": points, "faces": faces}, Limits(seconds))
-    if reply.why:
-        return [], f"CoACD failed ({reply.why}), so hulls of patches of the surface are used"
-    # The child process concatenates the parts and counts the rows of each part.
-    arrays = reply.arrays
-    split = (
-        np.split(arrays[name], np.cumsum(arrays[f"{name} per part"])[:-1]) for name in ("points", "faces")
-    )
-    parts = zip(*split, strict=True)
-    return [(part, rows if signed_volume(part, rows) >= 0 else rows[:, ::-1]) for part, rows in parts], ""
-
-
-def cut_in_child(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
-    """Cut a mesh into at most `word` convex parts (a `Work` of `msb.base.children`)."""
-    import coacd
-
-    coacd.set_log_level("error")
-    parts = coacd.run_coacd(
-        coacd.Mesh(arrays["points"], arrays["faces"].astype(np.int32)),
-        max_convex_hull=int(word),
-        resolution=_COACD_SAMPLES,
-        mcts_iterations=_COACD_TRIALS,
-        max_ch_vertex=HULL_CORNERS,
-    )
-    if not parts:
-        raise ValueError("it returned no part")
-    result: dict[str, NDArray[Any]] = {}
-    kinds = np.float64, np.int64
-    for name, rows, kind in zip(("points", "faces"), zip(*parts, strict=True), kinds, strict=True):
-        result[name] = np.concatenate([np.asarray(part, kind) for part in rows])
-        result[f"{name} per part"] = np.array([len(part) for part in rows])
-    return None, result
-
-
-def _measure_protrusion(parts: list[PointsAndFaces], shape: PointsAndFaces, seen: PointsAndFaces) -> float:
-    """Return the share of a shape's exposed area that protrudes from the mesh `seen`."""
-    # Sample points (n, 3) all over the shape, and the part (n,) of each point.
-    places, face = sample_surface(*shape)
-    part = np.repeat(np.arange(len(parts)), [len(faces) for _, faces in parts])[face]
-    # A point is exposed if it lies outside all other parts. A point is outside a convex part if it lies above
-    # one of the planes of the part's faces.
-    is_exposed = np.ones(len(places), bool)
-    for number, (points, faces) in enumerate(parts if len(parts) > 1 else ()):
-        corners = points[faces]
-        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), _TINY)
-        others = np.flatnonzero(is_exposed & (part != number))
-        above = places[others] @ normal.T - (normal * corners[:, 0]).sum(axis=1)
-        is_exposed[others[(above <= _TOUCH_DISTANCE).all(axis=1)]] = False
-    if not is_exposed.any():
-        return 0.0
-    return float((measure_distances(places[is_exposed], *seen) > PROTRUSION).mean())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,6 +22,7 @@ from msb.render.options import (
 )
 
 if TYPE_CHECKING:
+    from msb.asset import Asset
     from msb.bake import Baked
     from msb.bake.report import Report
     from msb.scenes.datasets import Scene
@@ -115,6 +116,8 @@ def bake(
         for place in list_output_files(files.outputs, endings):
             output.check_free(place, label="--out")
     asset = open_asset(path, output)
+    if folder is None and _keep_texture(asset, path, files, options, drawing.device, output, typed):
+        return
     cameras = None if views.cameras is None else views.read(output.note)
     scene: Scene | Path | None = files.scene
     if files.scene is not None:
@@ -137,6 +140,58 @@ def bake(
         _print_report(report, files.outputs, output)
         if folder is not None and (folder / PAGE).exists() and not output.quiet:
             echo(f"Open {one_line(str(folder / PAGE))} in a browser to view the result")
+
+
+# Options that ask for levels and collision only. Any other option asks for a new texture.
+_KEEPING = ("lods", "collision")
+
+
+def _keep_texture(
+    asset: Asset,
+    path: Path,
+    files: BakeFiles,
+    options: BakeOptions,
+    device: str | None,
+    output: Output,
+    typed: Typed,
+) -> bool:
+    """Write a mesh file that has a texture already as `msb lod` does; return whether this was done.
+
+    It is done for a single mesh file as output, unless an option asks for another geometry or texture.
+    """
+    from importlib.util import find_spec
+
+    from msb.adapters.locate import is_mesh_file
+    from msb.asset import ASSET_SUFFIX
+    from msb.asset.texture import is_textured
+
+    names = (field.name for field in fields(BakeOptions) if field.name not in _KEEPING)
+    asked = [name for name in (*names, "scene", "cameras", "size", "background") if name in typed]
+    is_file = len(files.outputs) == 1 and files.outputs[0].suffix.lower() != ASSET_SUFFIX
+    if asked or not is_file or not (is_mesh_file(path) and is_textured(asset)):
+        return False
+    spec = find_spec("msb.lod")
+    if spec is None or spec.origin is None:
+        return False
+    from msb.lod import lod as make_lods
+
+    output.note("the texture is kept, as by msb lod; --geometry or --texture makes a new one")
+    with output.bars("steps") as progress:
+        lods = make_lods(
+            path,
+            name=files.outputs[0].stem,
+            device=device,
+            progress=progress,
+            lods=options.lod_shares or "none",
+            collision=options.collision,
+        )
+    report = lods.save(files.outputs[0], overwrite=output.force, unusable=output.force)
+    output.write_json({"path": str(path), **report.to_dict()})
+    for line in report.describe(is_brief=output.quiet) if output.prints_text else []:
+        echo(line)
+    for text in report.notes:
+        output.note(text)
+    return True
 
 
 def _check_files(files: BakeFiles, views: ViewOptions, typed: Typed) -> None:

@@ -17,7 +17,7 @@ from msb.bake.face_selection import hide_cheapest_faces
 from msb.bake.simplification import is_closed_surface, simplify
 from msb.bake.soup import Soup, is_uncut_soup, merge_seams
 from msb.bake.space import Space
-from msb.bake.surface_distance import measure_distances, sample_surface
+from msb.delivery.surface_distance import measure_distances, sample_surface
 from msb.meshes.mesh import Mesh
 
 # A level of detail is evaluated on a full-HD screen with this number of pixel rows. On such a screen, the

@@ -12,6 +12,7 @@ from typing import Annotated, Literal, TypedDict
 from msb.asset.frame import Frame, make_frame
 from msb.base.extras import need_extras
 from msb.base.option import Option, check_values, label_of
+from msb.delivery.collision_kinds import parse_collision
 from msb.errors import UsageError, shorten
 from msb.render.options import Floor, KnownDistance, Scale, UpDirection, ViewKind
 
@@ -20,16 +21,10 @@ GeometryChoice = Literal["auto", "kept", "fitted", "surface"]
 ColorTarget = Literal["texture", "vertex"]
 Supervision = Literal["native", "photographs"]
 Material = Literal["unlit", "lit"]
-CollisionKind = Literal["mesh", "hulls", "box"]
 Effort = Literal["draft", "normal", "fine"]
 
 # Relative number of steps of a search for each `effort`.
 _STEPS: dict[str, float] = {"draft": 0.25, "normal": 1.0, "fine": 2.5}
-
-# Number of faces of a tetrahedron, the smallest closed mesh.
-MIN_CLOSED_FACES = 4
-# Largest number of faces or convex parts of a collision shape. This limit on numbers catches typing mistakes.
-_MAX_COLLISION_SIZE = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -250,26 +245,6 @@ def parse_lods(lods: str | Sequence[float]) -> tuple[float, ...]:
         text = f"--lods is {given}; pass falling shares of the faces, such as 0.5,0.25,0.1"
         raise UsageError("USAGE", text)
     return shares
-
-
-def parse_collision(text: str) -> tuple[CollisionKind, int]:
-    """Return the kind and the largest number of faces or parts in a text such as "mesh:1000".
-
-    Raises
-    ------
-    UsageError
-        USAGE: the text is invalid.
-    """
-    name, _, number = text.partition(":")
-    if text == "box":
-        return "box", 1
-    count = int(number) if number.isascii() and number.isdigit() and len(number) < 9 else 0
-    if name == "mesh" and MIN_CLOSED_FACES <= count <= _MAX_COLLISION_SIZE:
-        return "mesh", count
-    if name == "hulls" and 1 <= count <= _MAX_COLLISION_SIZE:
-        return "hulls", count
-    expected = f"mesh:N (N faces, {MIN_CLOSED_FACES} or more), hulls:N (N convex parts) or box"
-    raise UsageError("USAGE", f'--collision is "{shorten(text, 40)}"; pass {expected}')
 
 
 def need_libraries(options: BakeOptions) -> None:

@@ -7,10 +7,11 @@ from msb.asset.look import tint_of
 from msb.asset.texture import textures_of
 from msb.asset.tiers import why_not
 from msb.bake.atlas import need_xatlas
-from msb.bake.options import BakeOptions, ColorTarget, Geometry, need_libraries, parse_collision
+from msb.bake.options import BakeOptions, ColorTarget, Geometry, need_libraries
 from msb.bake.soup import is_uncut_soup
 from msb.base.extras import is_installed, need_extra, need_extras
 from msb.base.soup import is_soup
+from msb.delivery.collision_kinds import parse_collision
 from msb.topology import audit_arrays
 from msb.topology.weld import weld_vertices
 

@@ -38,6 +38,9 @@ BUILT_IN: dict[str, dict[str, Entry]] = {
         "convert": Entry("msb.delivery.command", "Write an asset or mesh in another format."),
         "bake": Entry("msb.bake.command", "Make an ordinary mesh that looks like the model."),
         "score": Entry("msb.score.command", "State how near an asset is to photographs, with a certificate."),
+        "lod": Entry(
+            "msb.lod.command", "Make levels of detail and collision for a mesh, which keeps its texture."
+        ),
         "why": Entry("msb.why.command", "Explain why an export looks worse than the rendering, in dB."),
         "methods": Entry(
             "msb.report.commands.methods", "List the methods, and their features on each renderer tier."

@@ -35,13 +35,19 @@ _BASE_GIB, _GIB_PER_GIB = 1.0, 16.0
 Job = dict[str, Any]
 
 
-def unpack(document: Document, meshes: list[int]) -> None:
+def unpack(document: Document, meshes: list[int], *, every_view: bool = False) -> None:
     """Decode the compressed arrays of `meshes`, unless the file also contains the uncompressed array.
+
+    With `every_view`, all other compressed buffer views are decoded, too, for example those of animations.
 
     Decoded buffer views are stored in `document.views`. Attributes and indices of Draco primitives are stored
     in `document.packed`. `document.limit` is the limit of the total size of the decoded arrays.
     """
     jobs = list(_list_jobs(document, meshes))
+    if every_view:
+        known = {job["view"] for job in jobs if "view" in job}
+        views = range(len(document.array(document.root, "bufferViews", "")))
+        jobs += [job for view in views if view not in known for job in _list_meshopt_jobs(document, view)]
     if all(job.get("optional") for job in jobs):
         return
     # Check the declared sizes of the arrays. Read all buffers before computing the limit, so that the limit

@@ -371,8 +371,8 @@ def _read_glb(source: Source) -> Mesh:
     return read_scene(open_document(source))
 
 
-def _read_gltf(source: Source) -> Mesh:
-    """Read the default scene of a glTF file in JSON."""
+def open_text_document(source: Source) -> Document:
+    """Return the document of a glTF file in JSON."""
     if _BEGINS.match(source.data) is None:
         raise source.not_a("glTF", "the content does not begin with '{'")
     document = parse_document(source, source.data)
@@ -380,7 +380,12 @@ def _read_gltf(source: Source) -> Mesh:
     if not version.startswith("2."):
         text = f"glTF version {shorten(version)} is not supported; export version 2.0"
         raise document.error("MESH_FILE_UNSUPPORTED", "/asset/version", text)
-    return read_scene(document)
+    return document
+
+
+def _read_gltf(source: Source) -> Mesh:
+    """Read the default scene of a glTF file in JSON."""
+    return read_scene(open_text_document(source))
 
 
 FORMATS = (

@@ -35,7 +35,7 @@ def write(kind: Kind, mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     """
     need_extra("usd", "pxr", what="a USD file")
     has_images = kind == "usdz" or style.stem is not None
-    layer = _build_stage(mesh, name_images(mesh, style) if has_images else [], style)
+    layer = build_stage(mesh, name_images(mesh, style) if has_images else [], style)
     if kind == "usda":
         stream.write(layer.ExportToString().encode())
         return
@@ -53,7 +53,7 @@ def write(kind: Kind, mesh: Mesh, stream: BinaryIO, style: Style) -> None:
                 member.write(data)
 
 
-def _build_stage(mesh: Mesh, images: list[str], style: Style) -> Any:
+def build_stage(mesh: Mesh, images: list[str], style: Style) -> Any:
     """Return the layer of the complete stage."""
     from pxr import Kind as Kinds
     from pxr import Sdf, Usd, UsdGeom, UsdPhysics
@@ -223,23 +223,29 @@ def _add_texture(
     surface = _add_material(stage, path, color_input)
     kinds = Sdf.ValueTypeNames
     reader = _add_shader(stage, f"{path}/read", "UsdPrimvarReader_float2", varname=(kinds.String, "st"))
-    texture = _add_shader(
-        stage,
-        f"{path}/texture",
-        "UsdUVTexture",
-        file=(kinds.Asset, Sdf.AssetPath(f"./{image}")),
-        sourceColorSpace=(kinds.Token, "sRGB"),
-        wrapS=(kinds.Token, mesh.sampler.wrap_u),
-        wrapT=(kinds.Token, mesh.sampler.wrap_v),
-    )
+    at = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+
+    def add_sampler(name: str, space: str) -> Any:
+        sampler = _add_shader(
+            stage,
+            f"{path}/{name}",
+            "UsdUVTexture",
+            file=(kinds.Asset, Sdf.AssetPath(f"./{image}")),
+            sourceColorSpace=(kinds.Token, space),
+            wrapS=(kinds.Token, mesh.sampler.wrap_u),
+            wrapT=(kinds.Token, mesh.sampler.wrap_v),
+        )
+        sampler.CreateInput("st", kinds.Float2).ConnectToSource(at)
+        return sampler
+
+    texture = add_sampler("texture", "sRGB")
     if color != WHITE:
         texture.CreateInput("scale", kinds.Float4).Set((*color, 1.0))
-    at = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
-    texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(at)
     color = texture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
     surface.GetInput(color_input).ConnectToSource(color)
     if mesh.sampler.alpha_cutoff is not None:
-        alpha = texture.CreateOutput("a", Sdf.ValueTypeNames.Float)
+        # Alpha is not a colour, so it has a reader of its own.
+        alpha = add_sampler("alpha", "raw").CreateOutput("a", Sdf.ValueTypeNames.Float)
         surface.CreateInput("opacity", Sdf.ValueTypeNames.Float).ConnectToSource(alpha)
         surface.CreateInput("opacityThreshold", Sdf.ValueTypeNames.Float).Set(mesh.sampler.alpha_cutoff)
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 import msb
 from msb.bake.collision import Collision, make_collision
-from msb.bake.hulls import fit_box
 from msb.bake.options import BakeOptions
 from msb.bake.output_files import OutputAsset, write_assets
 from msb.bake.requirements import check_model
+from msb.delivery.hulls import fit_box
 from msb.errors import MeshError, UsageError
 from msb.meshes import read_mesh
 from msb.meshes.assets import asset_from_mesh

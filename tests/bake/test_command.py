@@ -15,7 +15,8 @@ import msb
 from msb.asset import build_asset
 from msb.asset.texture import MAX_SIDE
 from msb.bake.context import SearchContext
-from msb.bake.options import BakeKeywords, BakeOptions, parse_collision
+from msb.bake.options import BakeKeywords, BakeOptions
+from msb.delivery.collision_kinds import parse_collision
 from msb.errors import DeviceError, UsageError
 from msb.meshes import Mesh, read_mesh
 from msb.scenes import write_cameras
