@@ -25,7 +25,7 @@ HERE = Path(__file__).parent
 _LEFT_OUT = "training.npz"
 """The file of the training state, which is many times larger than the model."""
 
-_STUBS = {
+STUBS = {
     "walled": ("mipnerf360/pebble", "--image-folder", "images_4"),
     "pebble": ("nerf_synthetic/pebble", "--points", "data_stubs/scenes/dtu/scan1"),
 }
@@ -59,7 +59,7 @@ def trainings(garden: Path | None) -> dict[str, list[str]]:
         return found
     for name, options in _STUB_OPTIONS.items():
         world, method = name.split("/")
-        scene, *more = _STUBS[world]
+        scene, *more = STUBS[world]
         found[name] = ["--scene", f"data_stubs/scenes/{scene}", *more, "--method", method, *options.split()]
     return found
 

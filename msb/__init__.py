@@ -1,7 +1,7 @@
 """MeshSplatBench: decide whether a trained triangle or mesh splatting model is a usable graphics asset.
 
-This package exports the public API. Names are imported at their first use, so that `import msb` takes
-milliseconds.
+This package exports the public API. Public names are imported at their first use, so that `import msb`
+takes milliseconds.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _HOME = {
     "audit": "msb.api.auditing",
     "validate": "msb.api.validating",
 }
-# Packages of the public API. All of these packages except `metrics` can also be called as functions.
+# Packages of the public API. All these packages except `metrics` can also be called as functions.
 _PACKAGES = ("bake", "metrics", "render", "repair", "trial", "why")
 
 __all__ = [

@@ -1,7 +1,7 @@
 """The classes of errors, their codes, and the exit status of each class.
 
-Every error that a user can cause has a stable code. A code belongs to one class, and a class has one exit
-status. The command line prints ``CODE: FILE: problem, place, remedy``.
+Every error that a user can cause has a stable code. Each code belongs to one class of errors, and all errors
+of a class have one exit status. The command line prints errors as ``CODE: FILE: problem, place, remedy``.
 """
 
 import contextlib
@@ -26,7 +26,7 @@ class MsbError(Exception):
     Parameters
     ----------
     code : str
-        Stable name, one of the `codes` of this class.
+        Stable name of the error, one of the `codes` of this class.
     message : str
         The problem, its place and the remedy, in one or two sentences without line breaks.
     file : str, optional
@@ -40,7 +40,7 @@ class MsbError(Exception):
 
     @property
     def exit_status(self) -> int:
-        """The exit status of the command line."""
+        """The exit status of the command line for this class of errors."""
         return EXIT_STATUS[type(self)]
 
     def __init__(
@@ -60,11 +60,12 @@ class MsbError(Exception):
         super().__init__(str(self))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Worker processes send errors as pickles. By default unpickling would pass only the printed text.
+        # Worker processes send errors as pickles, which must preserve all attributes. Exceptions normally
+        # restore only their printed text.
         return partial(type(self), file=self.file, pointer=self.pointer), (self.code, self.message)
 
     def at(self, file: object) -> Self:
-        """Return a copy of this error that names `file`."""
+        """Return a copy of this error that names the file `file`."""
         return type(self)(self.code, self.message, file=file, pointer=self.pointer)
 
     def __str__(self) -> str:
@@ -79,7 +80,7 @@ class GateFailed(MsbError):
 
 
 class UsageError(MsbError):
-    """A command or call has an invalid argument. The input files are not the cause."""
+    """A command or a function call has an invalid argument. Input files are not the cause of these errors."""
 
     codes = _names("""
         USAGE EXTRA_MISSING VIEW_NO_DISPLAY OUTPUT_EXISTS RESULTS_MIXED NAME_UNKNOWN
@@ -89,7 +90,7 @@ class UsageError(MsbError):
 
 
 class InputError(MsbError):
-    """An input does not exist, cannot be read, or is of an unknown kind."""
+    """An input file does not exist, cannot be read, or has an unknown format."""
 
     codes = _names("""
         FILE_NOT_FOUND FILE_UNREADABLE FILE_NOT_RECOGNISED RECORD_INVALID RESULTS_EMPTY RENDERS_CHANGED
@@ -111,7 +112,7 @@ class AssetError(MsbError):
 
 
 class CheckpointError(MsbError):
-    """A trained checkpoint (.pt, .ckpt) is damaged, hostile or of an unsupported kind."""
+    """A trained checkpoint (.pt, .ckpt) is damaged, malicious or not supported."""
 
     codes = _names("""
         CHECKPOINT_NOT_RECOGNISED CHECKPOINT_DAMAGED CHECKPOINT_HOSTILE CHECKPOINT_FORM CHECKPOINT_UNKNOWN
@@ -121,7 +122,7 @@ class CheckpointError(MsbError):
 
 
 class SceneError(MsbError):
-    """A camera, a file of cameras or a reconstruction is invalid."""
+    """A camera, a camera file or a reconstruction is invalid."""
 
     codes = _names("""
         CAMERA_INVALID CAMERA_PATH CAMERA_SOURCE CAMERA_NONE CAMERA_DISTORTED CAMERA_IMAGE CAMERA_FILE
@@ -160,7 +161,7 @@ class OutputError(MsbError):
 
 
 class Unsupported(MsbError):
-    """The method does not support this tier or format. The message names the reason."""
+    """The method does not support this tier or format. The error message gives the reason."""
 
     codes = _names("""
         UNSUPPORTED_METHOD UNSUPPORTED_TIER UNSUPPORTED_CAMERA UNSUPPORTED_OPTION UNSUPPORTED_REPAIR
@@ -169,7 +170,7 @@ class Unsupported(MsbError):
 
 
 class DeviceError(MsbError):
-    """There is no OpenCL device, or it fails: too little memory, a kernel that does not compile."""
+    """No OpenCL device exists, or the device fails: too little memory, or a kernel that does not compile."""
 
     codes = _names("""
         DEVICE_NOT_FOUND DEVICE_MEMORY DEVICE_BUILD DEVICE_COMMAND ENGINE_FAILED DEVICE_CLOSED
@@ -179,7 +180,8 @@ class DeviceError(MsbError):
 
 EXIT_OK = 0
 EXIT_INTERRUPTED = 130
-# Class of error -> exit status of the command line. The help of every command lists the exit statuses.
+# For each class of errors, the exit status of the command line. The help of every command lists these exit
+# statuses.
 EXIT_STATUS: dict[type[MsbError], int] = {
     GateFailed: 1,
     UsageError: 2,
@@ -197,7 +199,7 @@ EXIT_STATUS: dict[type[MsbError], int] = {
 
 
 class Code(NamedTuple):
-    """The explanation of a code: its class, a summary, and the remedy."""
+    """The explanation of an error code: its class, a summary, and the remedy."""
 
     kind: type[MsbError]
     summary: str
@@ -209,7 +211,7 @@ class Finding:
     """A problem that `validate` reports.
 
     `pointer` is a JSON pointer into the manifest, an array element or a byte offset. `file` is a file inside
-    the asset, if the problem can be located there.
+    the asset, if the location of the problem is known.
     """
 
     code: str
@@ -221,7 +223,7 @@ class Finding:
     limit: Any = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the finding as JSON data. Unknown values are None."""
+        """Return the finding as JSON data. Unknown fields of the finding are None."""
         return {
             "code": self.code,
             "severity": self.severity,
@@ -238,7 +240,7 @@ class Finding:
         return f"{word}: {self.code}: {path}: {self.message}"
 
     def to_error(self, path: object) -> MsbError:
-        """Return this finding about the asset at `path` as an exception."""
+        """Convert this finding to an exception about the asset at `path`."""
         return error_kind(self.code)(self.code, self.message, file=path, pointer=self.pointer)
 
 
@@ -252,20 +254,20 @@ def finding(
     value: Any = None,
     limit: Any = None,
 ) -> Finding:
-    """Return a `Finding`. Raise KeyError if no class has the code."""
+    """Return a `Finding`. Raises KeyError if no class has the code."""
     error_kind(code)
     return Finding(code, severity, one_line(message), pointer, file, value, limit)
 
 
 def error_finding(error: MsbError) -> Finding:
-    """Return an error as a finding, the inverse of `Finding.to_error`."""
+    """Return an error as a finding. This function is the inverse of `Finding.to_error`."""
     return finding(error.code, error.message, pointer=error.pointer)
 
 
 def json_safe(value: Any) -> Any:
-    """Return `value` as JSON data. Long text is shortened, and other types become text.
+    """Return `value` as JSON data. Long text is shortened, and values of other types become text.
 
-    A float that is not finite becomes text, such as "nan", because JSON has no NaN.
+    NaN and infinity become text, such as "nan", because JSON has no such numbers.
     """
     if value is None or isinstance(value, bool | int):
         return value
@@ -279,7 +281,7 @@ def json_safe(value: Any) -> Any:
 def shorten(text: str, limit: int = 80) -> str:
     """Return `text` on one line, without control characters and with at most `limit` characters.
 
-    The content of a hostile file can be part of an error message, and must not be able to control a terminal.
+    Error messages can quote a malicious file, and must not be able to control a terminal.
     """
     clean = "".join(c if c.isprintable() else repr(c)[1:-1] for c in text[: limit + 1])
     return clean if len(clean) <= limit else clean[: limit - 3] + "..."
@@ -287,7 +289,7 @@ def shorten(text: str, limit: int = 80) -> str:
 
 @contextlib.contextmanager
 def about(path: object) -> Iterator[None]:
-    """Add the file `path` to errors inside the block that do not name a file, such as errors about arrays."""
+    """Add the file `path` to errors in the block that name no file."""
     try:
         yield
     except MsbError as error:
@@ -304,10 +306,11 @@ def one_line(text: str) -> str:
 
 
 def formula_safe(text: str) -> str:
-    """Return `text` as a CSV cell that spreadsheets do not evaluate, with an apostrophe before a formula.
+    """Return `text` as a CSV cell that spreadsheets do not evaluate: an apostrophe is put before a formula.
 
-    A formula begins with = + - @, a tab or a line break. Numbers and "--" are not changed. Quotation marks
-    would not help, because spreadsheets remove them first. Source: OWASP, "CSV Injection".
+    A spreadsheet formula begins with = + - @, a tab or a line break. Numbers and "--" are returned unchanged.
+    Quotation marks would not prevent evaluation, because spreadsheets remove them first. Source: OWASP, "CSV
+    Injection".
     """
     harmless = re.fullmatch(r"--|[+-]?[\d.]+", text)
     return text if harmless or not text.startswith(tuple("=+-@\t\r\n")) else f"'{text}"

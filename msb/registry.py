@@ -1,16 +1,16 @@
-"""The registry of methods: built-in ones in the folders of `msb.methods`, and methods of other packages.
+"""The registry of methods: built-in methods in the folders of `msb.methods`, and methods of other packages.
 
 A method is a package whose ``__init__.py`` declares a `Method` named ``METHOD``, which is plain data. The
-code of a method is in modules of the package, which are imported when they are needed. Each module has a
-role:
+code of a method is in modules of its package, which are imported on demand. Each module of a method's package
+has a role:
 
-- ``adapter`` converts the files of a training to an asset (`msb.adapters.exporter.Adapter`). A method that
-  writes coloured meshes with a recognisable file name needs no adapter.
+- ``adapter`` converts the files of a trained model to an asset (`msb.adapters.exporter.Adapter`). A method
+  needs no adapter if it writes coloured meshes with a recognisable file name.
 - ``official`` writes the same file as the method's own exporter (`msb.adapters.official.Official`).
 - ``reference`` renders the method's image in NumPy (``render``, called by `msb.reference`).
 - ``native`` renders the same image on the dedicated tier, with OpenCL kernels (`msb.render.dedicated`).
 
-Everything that lists methods, tiers or settings reads `METHODS`. Other packages add methods through the
+All lists of methods, tiers or settings are read from `METHODS`. Other packages can add methods with the
 entry-point group `msb.methods` (docs/extending.md).
 """
 
@@ -37,32 +37,33 @@ TIERS: tuple[Tier, ...] = ("reference", "dedicated", "standard")
 Order = Literal["tile", "global", "none"]
 ORDERS: tuple[Order, ...] = ("tile", "global", "none")
 Sampling = Literal["official", "engine"]
-# How primitives are ordered and sampled in native rendering; see docs/dedicated.md.
+# How native rendering orders and samples primitives. docs/dedicated.md explains the choices.
 SAMPLINGS: tuple[Sampling, ...] = ("official", "engine")
 
 SettingValue = bool | int | float | str | None
 SettingSource = Literal["checkpoint", "config", "flag", "default"]
 SETTING_SOURCES: tuple[str, ...] = ("checkpoint", "config", "flag", "default")
 
-# Name of a pass in a manifest's `required_passes` -> the work of a renderer in this pass.
+# Description of each rendering pass, by its name in the manifest key `required_passes`.
 PASSES: dict[str, str] = {
-    "opaque_unlit": "opaque, z-buffered, two-sided faces in unlit vertex colours; every engine can draw it",
-    "bake_dc": "clamp(C0 * f_dc + 0.5) turned into vertex colours before drawing",
+    "opaque_unlit": "opaque, z-buffered, two-sided faces in unlit vertex colours; every engine can draw "
+    "such faces",
+    "bake_dc": "clamp(C0 * f_dc + 0.5), converted to vertex colours before drawing",
     "project_cull": "per-primitive projection, culling and appearance",
     "tile_sort": "assignment to tiles and stable depth sort within each tile",
     "blend_front_to_back": "front-to-back compositing with the method's coverage and stop rule",
     "z_buffer": "nearest face per pixel with the method's opacity test",
     "decode": "neural decoder of the lattice features at each pixel",
     "downsample": "box filter from the supersampled raster to the image",
-    "opaque_unlit_texture": "as opaque_unlit, with textures in linear light, multiplied with the colours",
+    "opaque_unlit_texture": "like opaque_unlit, with textures in linear light, multiplied by the colours",
 }
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A parameter that the official code reads from a config or flag, not from the checkpoint.
+    """A parameter that the official code reads from a config file or a flag, not from the checkpoint.
 
-    Values are activated: `sigma` is 1e-4, not its logarithm.
+    Values are stored after activation: `sigma` is 1e-4, not its logarithm.
     """
 
     default: SettingValue
@@ -87,7 +88,7 @@ class Setting:
             return "must be a number" + (" or null" if self.optional else "")
         if self.kind == "int" and not isinstance(value, int):
             return "must be an integer"
-        # The comparison is false for NaN and infinity, and rejects integers that a float cannot hold.
+        # The comparison also rejects NaN, infinity, and integers that are too large for a float.
         if not -1e300 < value < 1e300:
             return "must be a finite number"
         if self.positive and value <= 0:
@@ -109,7 +110,7 @@ class Native:
     connectivity: bool = False
     """Whether faces share vertices."""
     continuous_coverage: bool = False
-    """Whether the weight of a primitive varies inside it."""
+    """Whether the weight varies inside a primitive."""
     binary_opacity: bool = False
     """Whether a sample is either opaque or absent."""
     sh: bool = False
@@ -121,7 +122,7 @@ class Native:
 class Retained:
     """The native features that an engine condition retains (paper: "Condition-level engine support").
 
-    A feature is None if the source representation does not have it.
+    A feature is None if the native representation does not have it.
     """
 
     support: Literal["Fallback", "Method-aware"]
@@ -131,22 +132,22 @@ class Retained:
     soft_coverage: bool | None = None
     depth_sort: bool | None = None
     notes: dict[str, str] = field(default_factory=dict)
-    """Feature -> a remark, which the tables show as a footnote."""
+    """A remark on a feature, which the tables show as a footnote."""
 
 
 @dataclass(frozen=True)
 class PaperNote:
-    """A footnote of tables: a remark on the paper's numbers of a method in native rendering."""
+    """A footnote of tables: a remark on the paper's numbers for a method in native rendering."""
 
     text: str
     metrics: tuple[str, ...]
-    # The dataset of the numbers; None means all datasets.
+    # The dataset to which the footnote applies; None means all datasets.
     dataset: str | None = None
 
 
 @dataclass(frozen=True)
 class Method:
-    """The declaration of one method; docs/extending.md describes it."""
+    """The declaration of one method. docs/extending.md describes the declaration."""
 
     title: str
     """The name of the method in tables and messages."""
@@ -156,37 +157,38 @@ class Method:
     native: Native | None = None
     """The features of the method's native representation; None if the method has no native rendering."""
     retained: dict[Tier, Retained] = field(default_factory=dict)
-    """Tier (`dedicated`, `standard`) -> the features that the tier retains. Unsupported tiers are absent."""
+    """The features that each supported tier (`dedicated`, `standard`) retains."""
     unsupported: dict[Tier, str] = field(default_factory=dict)
-    """Tier -> why the method does not support the tier. The method supports all other tiers."""
+    """The reason why the method does not support a tier. The method supports all other tiers."""
     settings: dict[str, Setting] = field(default_factory=dict)
     passes: dict[Tier, tuple[str, ...]] = field(default_factory=dict)
-    """Tier -> the passes of the tier's renderer, in order."""
+    """The passes of each tier's renderer, in order."""
     coverage: str = "solid"
-    """The value of `coverage.kernel` in manifests: the function that gives the weight inside a primitive."""
+    """The value of `coverage.kernel` in manifests: the name of the weight function inside a primitive."""
     primitive: Literal["triangle", "gaussian"] = "triangle"
-    """What the method trains. Assets of extracted meshes of a method of Gaussians consist of triangles."""
+    """The primitives that the method trains. Meshes extracted from Gaussians become assets of triangles."""
     files: tuple[str, ...] = ()
     """Paths of the method's models in an output folder, such as ``ckpt/{n}.ckpt``.
 
-    The preferred path is first. {n} is the number of an iteration, and the file with the highest number is
-    taken. * matches any text, if only one file matches.
+    The preferred path is first. {n} is the iteration number, and the highest number is used. A * matches any
+    text, if only one file matches.
     """
     bundle: tuple[str, ...] = ()
-    """File names of a model that consists of several files, beginning with the main one.
+    """File names of a model that consists of several files; the main file is first.
 
     A folder with any of the other files is recognised as a model of this method.
     """
     reads_meshes: bool = False
     """Whether the method's adapter accepts any mesh file if the user names the method.
 
-    Methods need this if their exported files do not show which method wrote them.
+    Methods need this option if their exported files do not identify the method.
     """
     rules: Rules | None = None
-    """The rules of the official code for reading datasets; None if the method is not trained on datasets."""
+    """The rules of the official code for reading datasets, or None if the method is not trained on
+    datasets."""
 
     def supports(self, tier: Tier) -> bool:
-        """Return whether `tier` can draw the method."""
+        """Return whether `tier` can draw models of the method."""
         return tier not in self.unsupported
 
 
@@ -194,22 +196,26 @@ class Method:
 
 SH_DEGREE = Setting(default=3, kind="int", minimum=0, maximum=3)
 SPLAT_SH_DEGREE = Setting(default=3, kind="int", minimum=0, maximum=4)
-# The rules of drawing Gaussians: those of the method's own code, or those of gsplat.
+# The rules for drawing Gaussians: from the method's official code, or from gsplat.
 SPLAT_RASTERIZER = Setting("official", "choice", choices=("official", "gsplat"))
 BAKED_DC = Retained("Fallback", "baked SH-DC")
 AWARE: dict[str, Any] = {"view_dependence": True, "opacity": True, "depth_sort": True}
 BAKED: tuple[str, ...] = ("bake_dc", "opaque_unlit")
 BLENDED: tuple[str, ...] = ("project_cull", "tile_sort", "blend_front_to_back")
 OTHER_LPIPS = PaperNote(
-    "the paper cites this LPIPS from other work; it is of images in [0, 1], not comparable with [-1, 1]",
+    "the paper cites LPIPS of images in [0, 1] from other work; our LPIPS uses images in [-1, 1] and is not "
+    "comparable",
     ("lpips",),
 )
-NO_TRIANGLES = "its primitives are Gaussians, not triangles"
-NO_APPEARANCE = "it is a mesh with static colours and has no native rendering"
+NO_TRIANGLES = "the primitives of this method are Gaussians, not triangles"
+NO_APPEARANCE = "the model is a mesh with static colours and has no native rendering"
 
 
 def extracted_mesh(title: str, files: tuple[str, ...], rules: Rules | None) -> Method:
-    """Return a method without an adapter. The result of its training is a coloured mesh in one of `files`."""
+    """Return the declaration of a method without an adapter.
+
+    The method's training writes a coloured mesh to a file with a name in `files`.
+    """
     return Method(
         title=title,
         retained={"standard": Retained("Fallback", "baked color")},
@@ -223,7 +229,7 @@ def extracted_mesh(title: str, files: tuple[str, ...], rules: Rules | None) -> M
 
 # The registry of installed methods and their modules.
 
-# Folders of the built-in methods, in the order of tables. The method `mesh` stands for any mesh from another
+# Folders of the built-in methods, in the order of tables. The method `mesh` represents meshes from any other
 # source.
 BUILT_IN = (
     "two_dts",
@@ -247,7 +253,7 @@ def _methods() -> Mapping[str, Method]:
     return {name: method for name, (method, _) in _installed().items()}
 
 
-# Name in manifests -> method: built-in ones in the order of tables, then others by name.
+# All methods by their name in manifests. Built-in methods come first, in the order of tables.
 METHODS: Mapping[str, Method] = Lazy(_methods)
 
 
@@ -267,9 +273,9 @@ def _load_declared(_: str, value: str) -> Method:
 
 
 def lookup(name: str) -> Method:
-    """Return the method called `name`. A method that is not installed supports the standard tier only.
+    """Return the method with this name. A method that is not installed supports only the standard tier.
 
-    The manifest of its assets is sufficient to audit it, convert it and draw it as an opaque mesh.
+    The manifest of an asset is sufficient to audit it, convert it and draw it as an opaque mesh.
     """
     if name in METHODS:
         return METHODS[name]
@@ -278,15 +284,17 @@ def lookup(name: str) -> Method:
 
 
 def package_of(name: str) -> str:
-    """Return the Python package of an installed method. Its kernels are in the same folder."""
+    """Return the Python package of an installed method.
+
+    The OpenCL kernels of the method are in the same folder.
+    """
     return _installed()[name][1]
 
 
 def role(name: str, what: Role) -> Any:
-    """Return the module of an installed method for a role, or None if it has none.
+    """Return the module of an installed method for a role, or None if the method has no such module.
 
-    If a module of another package cannot be loaded, or a function of it fails, the error is
-    `PACKAGE_LEFT_OUT`.
+    If a module of another package fails to load, or one of its functions fails, `PACKAGE_LEFT_OUT` is raised.
     """
     if name not in METHODS:
         return None
@@ -301,12 +309,12 @@ def role(name: str, what: Role) -> Any:
 def _exists(module: str) -> bool:
     try:
         return find_spec(module) is not None
-    except ModuleNotFoundError:  # the method is a single module, without roles
+    except ModuleNotFoundError:  # the method is a single module, so it has no roles
         return False
 
 
 class _PluginModule:
-    """A module of a plug-in. Errors of its functions name the package of the plug-in."""
+    """A module of a method from another package. Errors in the module's functions name the package."""
 
     def __init__(self, module: ModuleType, method: str, what: Role) -> None:
         self._module, self._method, self._what = module, method, what
@@ -326,7 +334,7 @@ class _PluginModule:
 
 @contextmanager
 def _naming_package(method: str, doing: str) -> Iterator[None]:
-    """Turn a `PackageError` into `PACKAGE_LEFT_OUT`, with the package of the method in its message."""
+    """Convert a `PackageError` to `PACKAGE_LEFT_OUT`, with the package of the method in the message."""
     try:
         yield
     except PackageError as error:
@@ -335,7 +343,7 @@ def _naming_package(method: str, doing: str) -> Iterator[None]:
 
 
 def with_role(what: Role) -> Iterator[tuple[str, Any]]:
-    """Yield the name of each method that has a module for a role, and the module.
+    """Yield the name and the module of each method with a module for a role.
 
     A module that cannot be imported causes a warning.
     """
@@ -347,7 +355,7 @@ def with_role(what: Role) -> Iterator[tuple[str, Any]]:
 
 @cache
 def _loadable(name: str, what: Role) -> Any:
-    """Return the module of a role, or None after a warning if it cannot be imported."""
+    """Return the module of a role. If the module cannot be imported, warn and return None."""
     try:
         return role(name, what)
     except UsageError as error:

@@ -1,7 +1,7 @@
 """Default views for judging a model, and the PSNR of its renderings in these views.
 
-The views are the training cameras of the model, if they are stored beside it. Otherwise msb generates views
-around the model, or inside the model if it is an interior.
+The default views are the training cameras of the model, if they are stored beside it. Without training
+cameras, msb generates views around the model, or inside the model if it is an interior.
 """
 
 from __future__ import annotations
@@ -34,40 +34,43 @@ from msb.scenes.around import find_bulk, is_surrounded, make_turntable, place_in
 from msb.scenes.framing import MIN_COVERAGE, Framing, find_framing
 from msb.scenes.sets import check_cameras
 
-# Largest number of training cameras that are used, evenly spread over all of them. It bounds the time.
+# Maximum number of training cameras to use. The cameras are spread evenly over all training cameras. The
+# limit bounds the computing time.
 MAX_TRAINING_VIEWS = 12
-# If generated views see less than this share of the area, views from the other side are tried as well.
+# If outside views see less than this share of the area, inside views are also tried. If inside views see less
+# than this share, outside views are also tried.
 MIN_SEEN_SHARE = 0.8
-# Number of views of each kind that measure the share of the area, spread evenly over all views of the kind.
+# Number of outside views, and of inside views, that measure the visible area. The views are spread evenly.
 _MEASURED_VIEWS = 12
-# Width and height in pixels of the depth maps that distinguish an interior from an object. Small maps
+# Width and height in pixels of the depth maps that distinguish an interior from an object. Small depth maps
 # suffice, because only the shares of visible faces are compared.
 _DEPTH_SIZE = (320, 240)
-# Number of faces whose visibility is tested in the depth maps, spread evenly over all faces.
+# Number of faces tested for visibility in the depth maps, spread evenly over all faces.
 _TESTED_FACES = 4000
-# Share of visible faces that outside cameras see from behind. Above this share the winding counts as
-# consistent, with front sides pointing inwards. Below 1/3 the winding counts as consistent, with front sides
-# pointing outwards. Faces that are wound at random have a share of 1/2.
+# Share of the visible faces that outside cameras see from behind. If this share is above 2/3, the winding is
+# consistent and front sides point inwards. If this share is below 1/3, the winding is consistent and front
+# sides point outwards. For faces with random winding, the share is 1/2.
 _BEHIND_SHARE = 2 / 3
-# The same limits of the share for the comparison of two kinds of views, which needs less certainty. Measured
-# shares: 0.3 for a diorama, 0.66 for a room, 0.49 to 0.55 for captures with random winding.
+# Less strict limits of this share, which decide between inside and outside views. Measured shares are 0.3 for
+# a diorama, 0.66 for a room, and 0.49 to 0.55 for captures with random winding.
 _OUTWARD_SHARE, _INWARD_SHARE = 0.4, 0.6
-# A face is visible if the depth of its centre is at most this factor times the depth in the depth map. The
-# tolerance is needed because the centres of face and pixel differ.
+# A face is visible if the depth of its centre is at most this factor times the depth map's value. The
+# tolerance is needed because the face centre and the pixel centre differ.
 _DEPTH_TOLERANCE = 1.01
 
 
 @dataclass(frozen=True)
 class ChosenViews:
-    """Cameras and their origin.
+    """Cameras for judging a model, and the origin of the cameras.
 
     Attributes
     ----------
     cameras : list of Camera
     origin : {"given", "training", "turntable", "inside", "both"}
-        The last three are generated: around the model, inside it, or half of them each.
+        "turntable", "inside" and "both" are generated: around the model, inside the model, or half of the
+        views each.
     description : str
-        The origin in words.
+        The origin of the cameras in words.
     place : Path, optional
         The file or folder of training cameras.
     coverage : float, optional
@@ -82,14 +85,14 @@ class ChosenViews:
 
     @property
     def is_generated(self) -> bool:
-        """Whether the views were generated, neither given nor found beside the model."""
+        """Whether msb generated the views."""
         return self.origin not in ("given", "training")
 
     @property
     def why_not(self) -> str | None:
         """The reason why these views are unsuitable for judging the model.
 
-        None if the views are suitable, or if `coverage` is unknown.
+        The reason is None if the views are suitable, or if `coverage` is unknown.
         """
         if not self.cameras:
             return self.blind_message
@@ -97,14 +100,14 @@ class ChosenViews:
             return None
         share = f"{100 * self.coverage:.2g} % of the pixels ({self.description})"
         text = f"the mesh covers only {share}; at least {100 * MIN_COVERAGE:g} % are required"
-        return f"{text}; pass {'' if self.origin == 'given' else '--'}cameras that are closer to it"
+        return f"{text}; pass {'' if self.origin == 'given' else '--'}cameras that are closer to the mesh"
 
     @property
     def blind_message(self) -> str:
-        """The error message if no camera sees a pixel of the mesh."""
-        text = f"no camera sees the mesh ({self.description})"
+        """The error message for the case that no camera shows a pixel of the mesh."""
+        text = f"no camera shows the mesh ({self.description})"
         if self.origin == "given":
-            return f"{text}; pass cameras that look at it, in its coordinates"
+            return f"{text}; pass cameras that see the mesh, in the coordinates of the mesh"
         return f"{text}; pass --cameras"
 
     def relative_to(self, origin: Origin) -> ChosenViews:
@@ -112,14 +115,14 @@ class ChosenViews:
         return replace(self, cameras=[camera.relative_to(origin) for camera in self.cameras])
 
     def without_blind(self, asset: Asset, device: str | None = None) -> ChosenViews:
-        """Return the views that see a pixel of the asset, on the standard or on the dedicated tier."""
+        """Return the views that see the asset on the standard or dedicated tier."""
         return self.with_covered(_measure_coverage(asset, self.cameras, device, len(self.cameras)))
 
     def with_covered(self, covered: Mapping[int, float] | None) -> ChosenViews:
-        """Return the views that see the model, with their coverage.
+        """Return the views that show the model, with their coverage.
 
-        `covered` has the number of each camera that sees the model -> the share of its pixels that the model
-        covers. `covered` is None if the shares are unknown.
+        `covered` maps the number of each camera that sees the model to the share of pixels that the model
+        covers. `covered` is None if the pixel shares are unknown.
         """
         if not covered:
             return self if covered is None else replace(self, cameras=[])
@@ -127,17 +130,17 @@ class ChosenViews:
         pixels = [camera.width * camera.height for camera in cameras]
         coverage = sum(covered[k] * n for k, n in zip(sorted(covered), pixels, strict=True)) / sum(pixels)
         blind, text = len(self.cameras) - len(cameras), self.description
-        text += f"; {blind} of them do not see the model and are ignored" if blind else ""
+        text += f"; {blind} of these cameras do not show the model and are ignored" if blind else ""
         return replace(self, cameras=cameras, description=text, coverage=coverage)
 
 
 def _measure_coverage(
     asset: Asset, cameras: Sequence[Camera], device: str | None, enough: int
 ) -> dict[int, float] | None:
-    """Find the first `enough` cameras that see the asset.
+    """Find the first `enough` cameras that show the asset.
 
-    Return number of the camera -> covered share of pixels. Return None if no tier can draw the asset. The
-    error is reported when the caller draws the asset.
+    The result maps the number of each camera that sees the asset to the share of pixels that the asset
+    covers. The result is None if no tier can draw the asset. Drawing the asset later raises the error.
     """
     all_tiers: tuple[Tier, ...] = ("standard", "dedicated")
     tiers = [tier for tier in all_tiers if why_not(asset.manifest, tier) is None]
@@ -159,7 +162,7 @@ def _measure_coverage(
 
 
 def measure_coverage(frame: Frame) -> float:
-    """Return the share of the pixels of a frame that the model covers."""
+    """Return the share of a frame's pixels that the model covers."""
     return float(np.count_nonzero(frame.alpha > 0) / frame.alpha.size)
 
 
@@ -172,18 +175,19 @@ def choose_views(
     device: str | None = None,
     kind: ViewKind | None = None,
 ) -> ChosenViews:
-    """Return the views that judge an asset: given cameras, else training cameras, else generated views.
+    """Return the views for judging an asset: given cameras, else training cameras, else generated views.
 
     Parameters
     ----------
     given : iterable of Camera, optional
-        Cameras of the caller, which are used as they are.
+        Cameras of the caller, used without changes.
     count : int
         The number of generated views.
     size : (int, int)
         Width and height of generated views in pixels; training cameras are scaled to the longer side.
     kind : {"outside", "inside", "both"}, optional
-        Generate views of this kind. Default: the training cameras, else the kind that suits the asset.
+        Generate views of this kind. Default: the training cameras, or else the kind of views that suits the
+        asset.
     """
     if isinstance(given, ChosenViews):
         return given
@@ -196,7 +200,7 @@ def choose_views(
         if kind is None:
             training = find_training_views(asset, device, most=MAX_TRAINING_VIEWS, longest=max(size))
         return training or generate_views(asset, outside, framing, device, kind=kind)
-    except DeviceError:  # the error is reported when the caller draws the asset
+    except DeviceError:  # drawing the asset raises this error again
         return _describe_generated(outside, "turntable", framing)
 
 
@@ -217,10 +221,10 @@ def check_given_views(cameras: Iterable[Camera]) -> ChosenViews:
 def find_training_views(
     asset: Asset, device: str | None = None, *, most: int | None = None, longest: int | None = None
 ) -> ChosenViews | None:
-    """Return the training cameras beside the file of an asset, or None if no camera there sees the asset.
+    """Return the training cameras stored beside an asset, or None if no training camera sees the asset.
 
-    At most `most` cameras are returned. The chosen cameras are spread evenly over all cameras. Their images
-    are scaled down so that no side is longer than `longest` pixels.
+    At most `most` cameras are returned. The chosen cameras are spread evenly over all cameras. The images are
+    scaled down so that no side is longer than `longest` pixels.
     """
     from msb.adapters.training_cameras import training_cameras
 
@@ -244,11 +248,11 @@ def generate_views(
     up: str | None = None,
     kind: ViewKind | None = None,
 ) -> ChosenViews:
-    """Return the views `outside`, the same number of views from inside, or both.
+    """Return the views `outside`, an equal number of inside views, or both.
 
-    Without `kind`, views from inside are chosen for interiors. If the chosen views see little of the area,
-    and views of the other kind see more, the other kind is returned. `framing` is the part of the model that
-    the views `outside` show. `up` is the up axis of views from inside; by default it is the asset's up axis.
+    If `kind` is None, inside views are used for interiors. If the chosen views see little of the area, and
+    views of the other kind see more, the other views are returned. `framing` is the part of the model that
+    the `outside` views show. `up` is the up axis of the inside views; the default is the asset's up axis.
 
     Raises
     ------
@@ -262,7 +266,7 @@ def generate_views(
         raise UsageError("USAGE", text, file=asset.opened_from)
     if not within:
         chosen = _describe_generated(outside, "turntable", framing)
-        text = f"{chosen.description}; none from inside, because most of the mesh is flat"
+        text = f"{chosen.description}; no views from inside, because most of the mesh is flat"
         return replace(chosen, description=text) if kind == "both" else chosen
     if kind == "both":
         cameras = [replace(camera, name=f"{k:05d}") for k, camera in enumerate([*outside, *within])]
@@ -272,18 +276,18 @@ def generate_views(
     why = ""
     is_capture = is_surrounded(bulk)
     if is_capture:
-        why = "large faces surround most of it"
+        why = "large faces surround most of the model"
     elif _is_interior(asset, outside, within, device):
-        why = "most of its faces are hidden from outside or seen from behind"
-    # Take the other kind of views if the chosen views see little of the area and the others see more.
+        why = "most faces are hidden from outside or visible from behind"
+    # Use the other kind of views if the chosen views see little of the area and the other views see more.
     from_inside = bool(why)
     seen_outside, seen_within, behind = _measure_seen_areas(asset, outside, within, device)
     seen, other = (seen_within, seen_outside) if from_inside else (seen_outside, seen_within)
-    # Walls around a capture are seen from both sides, unless all of their faces point outwards.
+    # Walls around a capture are visible from both sides, unless all wall faces point outwards.
     can_change = behind <= _OUTWARD_SHARE or not is_capture
     if seen < MIN_SEEN_SHARE and other > seen and can_change:
         here, there = ("inside", "outside") if from_inside else ("outside", "inside")
-        why = f"they see {100 * other:.0f} % of its area, and views from {here} {100 * seen:.0f} %"
+        why = f"these views show {100 * other:.0f} % of its area; views from {here} show {100 * seen:.0f} %"
         from_inside = there == "inside"
     if from_inside:
         return _describe_generated(within, "inside", framing, why)
@@ -296,7 +300,7 @@ def _describe_generated(
     framing: Framing,
     why: str = "",
 ) -> ChosenViews:
-    """Return generated views with their description. `why` is the reason for an unusual choice."""
+    """Return generated views with their description. `why` is the reason for an unusual choice of views."""
     place = {"turntable": "around the model", "inside": "from inside", "both": "around and inside the model"}
     text = f"{len(cameras)} generated views {place[origin]}"
     text += f", because {why}; pass --cameras for other views" if why else ""
@@ -306,10 +310,11 @@ def _describe_generated(
 def _measure_seen_areas(
     asset: Asset, outside: list[Camera], within: list[Camera], device: str | None
 ) -> tuple[float, float, float]:
-    """Return the shares of the area seen from outside and from inside, and the winding.
+    """Return the shares of the area visible from outside and from inside, and the winding.
 
     The winding is the share of visible faces that outside cameras see from behind. If the winding is
-    consistent, only front sides count. Both shares are 1 if they cannot be measured.
+    consistent, only front sides count as visible. If no renderer can measure the visible areas, the function
+    returns 1 for both shares.
     """
     if why_not(asset.manifest, "standard") is not None:
         return 1.0, 1.0, 0.5
@@ -325,22 +330,26 @@ def _measure_seen_areas(
 
 
 def spread_evenly(cameras: Sequence[Camera], count: int) -> list[Camera]:
-    """Return `count` cameras, spread evenly and beginning with the first; all cameras if there are fewer."""
+    """Return `count` cameras, spread evenly and beginning with the first.
+
+    If there are fewer cameras, all cameras are returned.
+    """
     if len(cameras) <= count:
         return list(cameras)
     return [cameras[k * len(cameras) // count] for k in range(count)]
 
 
 def _is_interior(asset: Asset, outside: list[Camera], within: list[Camera], device: str | None) -> bool:
-    """Return whether outside cameras see less than half of the faces, and inside cameras see more of them.
+    """Return whether outside cameras see less than half of the faces, and inside cameras see more.
 
-    Visibility is tested at the face centre only, so that the size of a face has no influence.
+    Visibility is tested only at face centres, so that the size of a face has no influence.
     """
     if why_not(asset.manifest, "standard") is not None:
         return False
     with Renderer(asset, "standard", device) as renderer:
         front, back, behind, _ = _test_visibility(asset, renderer, outside)
-        # If the winding is consistent, only front sides count, else both sides.
+        # If the winding is consistent, only front sides count as visible. If the winding is not consistent,
+        # back sides also count as visible.
         is_sided = behind >= _BEHIND_SHARE or behind <= 1 - _BEHIND_SHARE
         visible = (front if is_sided else front | back).mean()
         if visible >= 0.5:
@@ -352,12 +361,13 @@ def _is_interior(asset: Asset, outside: list[Camera], within: list[Camera], devi
 def _test_visibility(
     asset: Asset, renderer: Renderer, cameras: list[Camera]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], float, NDArray[np.float64]]:
-    """Test a sample of n faces.
+    """Test the visibility of a sample of n faces.
 
-    Return two masks (n,) of the faces seen from the front and from behind, the share of visible faces seen
-    from behind, and weights (n,) proportional to the area.
+    The first two results are masks (n,) of the faces that are visible from the front and from behind. The
+    third result is the share of the visible faces that cameras see from behind. The last result contains
+    weights (n,) proportional to the area of each face.
     """
-    # Centres (n, 3) and normals (n, 3) of an evenly spread sample of the faces.
+    # Compute centres (n, 3) and normals (n, 3) of an evenly spread sample of the faces.
     faces = asset.buffers["indices"]
     corners = asset.buffers["positions"][faces[:: max(1, len(faces) // _TESTED_FACES)]].astype(np.float64)
     corners += asset.manifest.origin
@@ -366,7 +376,7 @@ def _test_visibility(
     front, back = np.zeros((2, len(middle)), bool)
     sides = [0, 0]
     for camera in (view.resized(*_DEPTH_SIZE) for view in cameras):
-        # A centre is visible if its depth z agrees with the depth map at its pixel.
+        # A face centre is visible if its depth z agrees with the depth map at its pixel.
         depth = renderer.render(camera).depth
         pixels, z = camera.project(middle)
         column, row = np.floor(np.nan_to_num(pixels, nan=-1.0)).T
@@ -399,16 +409,15 @@ def render_standard(
 
 
 def squared_errors(images: Sequence[Any], references: Sequence[Any]) -> NDArray[np.float64]:
-    """Return for each view (n, 2) the sum of squared differences and the number of values.
+    """Return the sum of squared differences and the number of values for each view, as an array (n, 2).
 
-    Views are images or frames. Differences are in 8-bit levels, from 0 to 255.
+    A view is an image or a `Frame`. Differences between colours are in 8-bit levels, from 0 to 255.
     """
     sums = []
     for pair in zip(images, references, strict=True):
         levels = [to_bytes(np.asarray(getattr(view, "image", view))) for view in pair]
         change = np.subtract(*levels, dtype=np.int32)
-        # A matrix product is avoided here, because it would start threads that stay busy and slow down the
-        # kernels.
+        # Do not use a matrix product: the threads of BLAS keep running and slow down the OpenCL kernels.
         sums.append((np.square(change, out=change).sum(dtype=np.int64), change.size))
     return np.array(sums, np.float64)
 
@@ -416,7 +425,7 @@ def squared_errors(images: Sequence[Any], references: Sequence[Any]) -> NDArray[
 def psnr_over_views(images: Sequence[Any], references: Sequence[Any]) -> float:
     """Return the PSNR in dB over the pixels of all views.
 
-    The average of the PSNR of each view would be infinite as soon as two images are equal.
+    The function does not average the PSNR of single views, because the PSNR of two equal images is infinite.
     """
     return pooled_psnr(squared_errors(images, references))
 

@@ -17,9 +17,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = Path(__file__).resolve().parent / "meshsplatbench"
-# Python version of Blender -> its NumPy. Blender 4.2 to 5.0 has Python 3.11, Blender 5.1 and later 3.13.
+# The NumPy of each Python version. Blender 4.2 to 5.0 has Python 3.11; Blender 5.1 and later have 3.13.
 NUMPY = {(3, 11): "numpy<2", (3, 13): "numpy>=2"}
-# Python's name of a processor -> Blender's name; only processors whose names differ.
+# Blender's name of a processor, by Python's name, for the processors with different names.
 MACHINES = {"x86_64": "x64", "amd64": "x64", "aarch64": "arm64"}
 
 
@@ -62,7 +62,7 @@ def main() -> None:
     """Build the extension for this system and this version of Python."""
     if sys.version_info[:2] not in NUMPY:
         sys.exit(
-            "Run this with the Python of your Blender version: 3.11 for 4.2 to 5.0, 3.13 for 5.1 and later"
+            "Run build.py with your Blender's Python: 3.11 for Blender 4.2 to 5.0, 3.13 for 5.1 and later"
         )
     name = f"meshsplatbench-blender-{system_name()}-py{sys.version_info[0]}.{sys.version_info[1]}.zip"
     with tempfile.TemporaryDirectory() as folder:

@@ -1,5 +1,5 @@
-// Draws the native rendering of a model with WebGPU. This module reads a page of `msb web --tier dedicated`, which
-// contains WGSL, passes and arrays, and executes them with a script that it shares with that page.
+// Draws the native rendering of a model with WebGPU. The module reads WGSL, passes and arrays from a page of
+// `msb web --tier dedicated`. The page and the module use the same script to execute the passes.
 import { Dedicated } from "./shared/dedicated.js";
 import { shrink, storedArray } from "./shared/store.js";
 

@@ -30,7 +30,7 @@ const isCount = (value) => Number.isInteger(value) && value >= 1 && value <= SAT
 
 // ---- the file
 
-// Returns name -> bytes of the members of an uncompressed ZIP, which are contiguous from byte 0 on.
+// Returns the bytes of each member of an uncompressed ZIP by name. The members are contiguous from byte 0 on.
 function membersOf(data) {
   const view = new DataView(data), size = data.byteLength, members = new Map(), names = new Set();
   insist(size >= 30 && view.getUint32(0, true) === LOCAL, "is not a packed .triasset, which starts with the bytes 50 4b 03 04");
@@ -93,7 +93,7 @@ function manifestOf(bytes) {
   return manifest;
 }
 
-// Returns name -> { values, shape, domain }; the values are views into the file.
+// Returns { values, shape, domain } of each buffer by name; the values are views into the file.
 function buffersOf(manifest, members) {
   const counts = { vertex: manifest.vertex_count, face: manifest.face_count, corner: 3 * manifest.face_count };
   const buffers = new Map(), entries = Object.entries(manifest.buffers);

@@ -56,8 +56,8 @@ def export(
 ) -> None:
     """Convert a trained checkpoint to a .triasset. Neither PyTorch nor CUDA is needed.
 
-    The method is detected from the content of the files. Settings come from the checkpoint, the config of the
-    training, --set or defaults; the asset records the origin of each.
+    The method is detected from the content of the files. Settings come from the checkpoint, the training
+    config, --set or defaults; the asset records the origin of each setting.
     """
     from msb.adapters.exporter import finish, read_model
     from msb.adapters.locate import locate

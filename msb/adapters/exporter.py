@@ -26,20 +26,21 @@ from msb.registry import BUILT_IN, METHODS, role, with_role
 
 
 class Adapter(Protocol):
-    """The functions of an adapter module. Its optional `KEYS` are the keys that all its state dicts have."""
+    """The functions of an adapter module, the reader of a method's files. The optional `KEYS` of an adapter
+    are the keys that all state dicts of its method have."""
 
     def recognises(self, content: Content) -> bool:
         """Return whether the content has features that only models of this method have."""
 
     def read(self, place: Place, content: Content, options: Options) -> Model:
-        """Return the model, or raise an error."""
+        """Return the model, or raise an error if the file is invalid."""
 
 
 def adapters() -> dict[str, Adapter]:
     """Return the adapters by method in the order of detection: adapters of other packages come first.
 
-    An adapter of another package can distinguish its files from those of the built-in methods. The built-in
-    adapters do not know the files of other packages.
+    An adapter from another package is tried first, so it can distinguish its files from files of the built-in
+    methods. The built-in adapters cannot recognise the files of other packages.
     """
     by_name = {name: adapter for name in METHODS if (adapter := _by_name(name)) is not None}
     by_name |= dict(with_role("adapter"))
@@ -48,9 +49,9 @@ def adapters() -> dict[str, Adapter]:
 
 
 def _by_name(method: str) -> Adapter | None:
-    """Return the adapter of a method whose files are recognised by name only, or None for other methods.
+    """Return the adapter of a method whose files are recognised only by name, or None for other methods.
 
-    These are the methods without native rendering.
+    Methods whose files are recognised by name have no native rendering.
     """
     known, meshes = METHODS[method], cast("Any", role("mesh", "adapter"))
     return meshes.ByName(method) if known.reads_meshes and known.native is None and known.files else None
@@ -71,9 +72,9 @@ def export(
     path : path-like
         The output folder of a training, or the file of the model; docs/export.md lists the files.
     method : str, optional
-        The name of a method, as listed by `msb methods`. By default it is detected from the content.
+        The name of a method, as listed by `msb methods`. By default, the method is detected from the content.
     settings : mapping, optional
-        Setting -> value. These values override the config and the checkpoint.
+        Values of settings by name. These settings override the config and the checkpoint.
     config : path-like, optional
         YAML config or text log of a 2DTS training, if it is not in the output folder.
     progress : callable, optional
@@ -82,7 +83,7 @@ def export(
     Returns
     -------
     Asset
-        An asset in memory. If the layout permits it, its buffers are views of the mapped file.
+        An asset in memory. If the file layout permits, the buffers are views of the mapped file.
         `Asset.warnings` reports missing values that were replaced by defaults, and faces that are left out
         because a parameter is NaN.
 
@@ -119,12 +120,13 @@ def read_model(
     check_values: bool = True,
     reject: Literal["nothing", "coordinates", "everything"] = "nothing",
 ) -> Model:
-    """Return the trained model at `path`, or at a place that `locate` returned. Errors are as in `export`.
+    """Return the trained model at `path`, or at a place returned by `locate`. The function raises the errors
+    of `export`.
 
-    `settings` can also be texts such as "gamma=20". Faces with a NaN or infinite value are left out with a
-    warning. It is an error if all faces have such a value. `reject` names the values for which this is an
-    error instead of a warning: coordinates, or all. Without `check_values`, such faces are kept, so that an
-    audit can count them.
+    `settings` can also be a sequence of texts such as "gamma=20". Faces with a NaN or infinite value are left
+    out with a warning. If no face remains, the function raises an error. `reject` chooses the values that
+    must be finite: coordinates, or all values. A non-finite value then raises an error instead of a warning.
+    Without `check_values`, faces with non-finite values are kept, so that an audit can count them.
     """
     if method is not None and method not in tuple(METHODS):
         text = f'the method "{shorten(str(method), 40)}" is unknown; use one of {", ".join(METHODS)}'
@@ -136,7 +138,7 @@ def read_model(
         method = _detect(content)
     else:
         _reject_other_method(content, method)
-    # Read it with the settings and the config of the caller.
+    # Read the model with the settings and the config of the caller.
     values = settings if isinstance(settings, Mapping) else parse_overrides(method, settings)
     config_file = None if config is None else given_path(config)
     if config_file is not None and not is_file(config_file):
@@ -152,33 +154,33 @@ def read_model(
 
 
 def _without_bad_faces(model: Model, reject: str) -> Model:
-    """Return `model` without the faces whose values are not finite, and with a warning about them.
+    """Return `model` without the faces whose values are not finite, with a warning about these faces.
 
-    Raise CHECKPOINT_NONFINITE if `reject` forbids this, or if a value belongs to all faces. Invalid
-    coordinates of mesh files are reported by `build_asset`.
+    Raise CHECKPOINT_NONFINITE if `reject` forbids the values, or if no face remains. `build_asset` reports
+    invalid coordinates of mesh files.
     """
     is_mesh = model.description.method == "mesh"
     code, file = "MESH_NONFINITE" if is_mesh else "CHECKPOINT_NONFINITE", model.files[0]
     for name, array in model.buffers.items():
         if model.domains.get(name) == "global" and (rows := find_bad_rows(array)) is not None:
-            text = f"{name} is not finite in row {int(np.argmax(rows))}, and it belongs to all faces"
+            text = f"{name} is not finite in row {int(np.argmax(rows))}, which affects all faces"
             raise CheckpointError("CHECKPOINT_NONFINITE", text, file=file, pointer=name)
     check_indices(model.buffers["indices"], len(model.buffers["positions"]), file)
     bad, names = find_bad_faces(model.buffers, model.domains)
-    # An unused vertex with such a value is also rejected or dropped.
+    # Unused vertices with non-finite positions are handled in the same way.
     is_odd = find_bad_rows(model.buffers["positions"]) is not None
     if not (len(bad) and (bad.any() or is_odd)) or reject == "everything":
         return model
     count, first = int(np.count_nonzero(bad)), int(np.argmax(bad))
     what = f"{count:,} of {len(bad):,} faces have values that are not finite ({', '.join(names)}"
-    what += f"; the first one is face {first})"
+    what += f"; the first such face is {first})"
     if bad.all() or (reject == "coordinates" and is_odd):
         if is_mesh:
             return model
         text = f"{what}; an asset must have finite coordinates, and at least one face"
         raise CheckpointError(code, text, file=file)
     buffers = keep_faces(model.buffers, model.domains, ~bad)
-    text = f"{what}; they are left out" if count else "vertices that no face uses are not finite; left out"
+    text = f"{what}; they are left out" if count else "removed unused vertices that are not finite"
     warning = finding(code, text, severity="warning", value=count)
     return replace(model, buffers=buffers, warnings=(*model.warnings, warning))
 
@@ -215,7 +217,8 @@ def _detect(content: Content) -> str:
 
 
 def _describe_nearest(value: object, adapters_by_name: Mapping[str, Adapter]) -> str:
-    """Return text about the most similar method and the keys that `value` lacks; "" if none is similar."""
+    """Return text about the most similar method and the keys that `value` lacks. If no method is similar,
+    return ""."""
     parts = [value] if isinstance(value, dict) else value if isinstance(value, tuple) else []
     keys = {str(key) for part in parts[:1] if isinstance(part, dict) for key in part}
     keys_of = {name: set(getattr(adapter, "KEYS", ())) for name, adapter in adapters_by_name.items()}
@@ -269,7 +272,8 @@ def _source_files(model: Model, progress: Progress | None) -> list[SourceFile]:
 
 
 def _to_relative(path: Path, root: Path) -> str:
-    """Return `path` relative to `root` with forward slashes, or only its name if it is outside.
+    """Return `path` relative to `root` with forward slashes, or only the file name if `path` is outside
+    `root`.
 
     Bytes that are not UTF-8 become \\udcXX, because a manifest is text.
     """

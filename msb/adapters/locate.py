@@ -1,7 +1,7 @@
 """Find the file of a model in the output folder of a training.
 
-This module only looks at names of files and folders, which is fast. The method is detected from the content
-of the file (`exporter.detect`).
+This module uses only the names of files and folders, which is fast. `exporter.detect` detects the method
+from the content of the file.
 """
 
 import os
@@ -24,7 +24,8 @@ Kind = Literal["torch", "ply", "mesh", "bundle", "other"]
 TORCH_SUFFIXES = (".pt", ".ckpt", ".pth")
 STATE_DICT = "point_cloud_state_dict.pt"
 SPLATS = "point_cloud.ply"
-# Vertex properties of a PLY with primitives: of 2DTS, of Gaussians, and of SuperSplat's compressed Gaussians.
+# Vertex properties of a PLY with primitives: first 2DTS, then Gaussians, then SuperSplat's compressed
+# Gaussians.
 PRIMITIVE_PROPERTIES = {"x1", "rot_0", "packed_position"}
 # File names of the meshes of 2DGS; cleaned meshes come first (hbb1/2d-gaussian-splatting: render.py).
 FUSED = ("fuse_post.ply", "fuse_unbounded_post.ply", "fuse.ply", "fuse_unbounded.ply")
@@ -32,22 +33,22 @@ FUSED = ("fuse_post.ply", "fuse_unbounded_post.ply", "fuse.ply", "fuse_unbounded
 
 @dataclass(frozen=True)
 class Place:
-    """The place of a model: its file and the output folder of its training."""
+    """The place of a model: its file, and the output folder of its training."""
 
-    # The file of the model, or the main file if there are several.
+    # The file of the model. A model of several files has a main file.
     file: Path
     # The output folder, which is searched for configs and logs.
     root: Path
-    # The kind of the file. A "bundle" has more files in the same folder. A file of kind "other" can be read
-    # only by the adapter of its method.
+    # The kind of the file. A model of kind "bundle" has more files in the same folder. A file of kind "other"
+    # is read by the adapter of its method only.
     kind: Kind
-    # The path that the user gave: the file, its folder or a folder above. If exactly one subfolder of the
-    # given folder is a checkpoint, this subfolder is stored.
+    # The path from the user: the file, its folder, or a higher folder. If the user gave a folder with a
+    # single checkpoint subfolder, this path is the subfolder.
     given: Path
 
     @property
     def name(self) -> str:
-        """The name of an asset of the model: the name of the output folder or of a single file."""
+        """The name for an asset of the model. It is the name of the output folder or of the single file."""
         if self.given.is_dir():
             return self.given.resolve().name
         return self.file.stem if self.root == self.file.parent else self.root.resolve().name
@@ -61,7 +62,7 @@ def is_checkpoint(path: Path) -> bool:
 
 
 def locate(path: str | os.PathLike[str]) -> Place:
-    """Return the place of the model in `path`; with several iterations, it is the last one."""
+    """Return the place of the model in `path`. If there are several iterations, the last one is used."""
     given = given_path(path)
     if given.suffix.lower() == ASSET_SUFFIX and os.path.lexists(given):
         text = "it is already a .triasset; use msb convert to write another format"
@@ -77,7 +78,8 @@ def locate(path: str | os.PathLike[str]) -> Place:
 
 
 def _model_file(path: Path) -> tuple[Path, Path]:
-    """Return the file of the model, and the path that contains it: `path`, or the only checkpoint in it."""
+    """Return the file of the model and the path that contains it: `path` itself, or the only checkpoint in
+    `path`."""
     try:
         folder = path.is_dir()
     except (OSError, ValueError) as error:
@@ -88,17 +90,17 @@ def _model_file(path: Path) -> tuple[Path, Path]:
         return path, path
     file = _pick(path)
     if file is None:
-        # Look for a single checkpoint in the subfolders, then for a single file without the usual folders.
+        # Search for a single checkpoint in the subfolders, then for a single file outside the usual folders.
         below = [sub for name in sorted(_list_names(path)) if (sub := path / name).is_dir() and _pick(sub)]
         if len(below) == 1:
             return _model_file(below[0])
         bare = [] if below else bare_models(path) or _find_named_meshes(path)
         if len(bare) == 1:
             return bare[0], path
-        text = "it is not the output folder of a known method; docs/export.md shows their layouts"
+        text = "it is not the output folder of a known method; docs/export.md shows the folder layouts"
         if several := below or bare:
             names = ", ".join(place.name for place in several[:8])
-            text = f"it holds {len(several)} checkpoints ({names}); pass one of them"
+            text = f"it contains {len(several)} checkpoints ({names}); pass one of them"
         raise CheckpointError("CHECKPOINT_UNKNOWN", text, file=path)
     if not file.exists():
         text = f"{file.relative_to(path)} is missing: the last iteration has no model"
@@ -107,9 +109,9 @@ def _model_file(path: Path) -> tuple[Path, Path]:
 
 
 def bare_models(folder: Path) -> list[Path]:
-    """Return the torch files in a folder without the layout of a method.
+    """Return the torch files in a folder that has no method's layout.
 
-    If there is exactly one, it is used as the model.
+    If there is exactly one torch file, it is used as the model.
     """
     return [folder / name for name in sorted(_list_names(folder)) if name.lower().endswith(TORCH_SUFFIXES)]
 
@@ -138,7 +140,7 @@ def _is_declared(file: Path) -> bool:
 
 
 def _root(file: Path) -> Path:
-    """Return the output folder that contains `file`, judged by the names of the folders above it."""
+    """Return the output folder that contains `file`, according to the names of the folders above the file."""
     above = [folder.name for folder in file.absolute().parents]
     if (
         len(above) > 2
@@ -159,9 +161,9 @@ def _is_below(file: Path) -> bool:
 
 
 def _pick(folder: Path) -> Path | None:
-    """Return the file of the model in `folder`; None if the folder has the layout of no method.
+    """Return the file of the model in `folder`, or None if the folder has no method's layout.
 
-    The file of the last iteration is returned even if it is missing.
+    The file of the last iteration is returned even if it is missing on disk.
     """
     try:
         return next((file for rule in _RULES if (file := rule(folder)) is not None), None)
@@ -170,7 +172,7 @@ def _pick(folder: Path) -> Path | None:
 
 
 def _find_declared(folder: Path) -> Path | None:
-    """Return the file whose name a method declares, below the output folder or directly in `folder`."""
+    """Return the file with a name that a method declares, below the output folder or directly in `folder`."""
     for method in METHODS.values():
         if any((folder / name).exists() for name in method.bundle[1:]):
             return folder / method.bundle[0]
@@ -193,7 +195,7 @@ def _find_declared(folder: Path) -> Path | None:
 
 
 def _to_expression(name: str) -> str:
-    """Return the regular expression of a declared file name, with {n} for a number and * for any text."""
+    """Return the regular expression for a declared file name, with {n} for a number and * for any text."""
     return re.escape(name).replace(re.escape("{n}"), r"(\d+)").replace(re.escape("*"), "[^/]*")
 
 
@@ -221,7 +223,8 @@ def _find_fused(folder: Path) -> Path | None:
     return next((latest / name for name in FUSED if (latest / name).exists()), None)
 
 
-# Rules that return the file of a model in a folder, or None. The first file is used.
+# Rules that find the file of a model in a folder. A rule returns the file or None. The first file that a rule
+# finds is used.
 _RULES: tuple[Callable[[Path], Path | None], ...] = (
     _find_declared,
     _find_iteration,
@@ -232,7 +235,7 @@ _RULES: tuple[Callable[[Path], Path | None], ...] = (
 
 
 def _find_latest(folder: Path, pattern: str) -> Path | None:
-    """Return the entry of `folder` whose name matches `pattern` with the largest number."""
+    """Return the entry of `folder` that matches `pattern` and has the largest number."""
     numbered: dict[int, str] = {}
     for name in _list_names(folder):
         if (match := re.fullmatch(pattern, name)) and len(match[1]) < 19:
@@ -248,7 +251,8 @@ def _list_names(folder: Path) -> list[str]:
 
 
 def is_mesh_file(path: Path) -> bool:
-    """Return whether `path` is treated as a mesh file, because it is neither an asset nor a model."""
+    """Return whether msb reads `path` as a mesh file. All files except assets and trained models are mesh
+    files."""
     return not (is_asset(path) or is_folder(path) or is_checkpoint(path) or _is_primitive_table(path))
 
 

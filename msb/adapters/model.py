@@ -23,10 +23,10 @@ from msb.registry import METHODS, SettingSource
 
 @dataclass(frozen=True)
 class Options:
-    """Arguments of the caller besides the path: settings by name, and the config file of the training.
+    """Arguments of the caller, in addition to the path: settings by name, and the training's config file.
 
-    Without `check_values`, parameters can be NaN. An audit counts such faces, and other commands leave them
-    out.
+    Without `check_values`, parameters can be NaN. An audit counts the faces with NaN values. Other commands
+    remove these faces.
     """
 
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -36,13 +36,13 @@ class Options:
 
 @dataclass(frozen=True)
 class Content:
-    """The content of the file of a `Place`. The content is read when an adapter needs it."""
+    """The content of the file at a `Place`. The content is read when an adapter needs it."""
 
     place: Place
 
     @cached_property
     def value(self) -> Any:
-        """The value in a file of torch; None for other kinds of files."""
+        """The value in a torch file, or None for other kinds of files."""
         if self.place.kind != "torch":
             return None
         file = self.place.file
@@ -56,7 +56,7 @@ class Content:
 
     @cached_property
     def ply_names(self) -> tuple[str, ...]:
-        """The vertex properties of a PLY without faces; empty for other files."""
+        """The vertex properties of a PLY without faces; no properties for other files."""
         if self.place.kind != "ply":
             return ()
         names, has_faces = read_ply_names(self.place.file)
@@ -75,12 +75,12 @@ class Content:
 
 
 class Settings:
-    """The settings of a model, while an adapter collects them.
+    """The settings of a model while an adapter collects them.
 
     Parameters
     ----------
     method : str
-        The method's name in `METHODS`.
+        The name of the method in `METHODS`.
     flags : mapping
         The settings of the user. An invalid name or value is a `UsageError`.
     """
@@ -93,7 +93,8 @@ class Settings:
     def add(
         self, name: str, value: Any, source: SettingSource, file: Path | None = None, key: str | None = None
     ) -> None:
-        """Set `name` to `value` unless the user sets it. The value was stored in `file` under `key`."""
+        """Set `name` to `value`, unless the user sets `name`. `file` is the file with the stored value, and
+        `key` is its key there."""
         if name in self._flags:
             return
         if not isinstance(value, bool | int | float | str | None):
@@ -105,10 +106,10 @@ class Settings:
         self._stored[name] = StoredSetting(value, source)
 
     def finish(self, degree: int | None = None) -> dict[str, StoredSetting]:
-        """Return all settings, in the method's order; `degree` is the stored SH degree."""
+        """Return all settings in the method's order; `degree` is the stored SH degree."""
         wanted = self._flags.get("sh_degree")
         if isinstance(wanted, int) and degree is not None and wanted > degree:
-            text = f"setting sh_degree is {wanted}; the checkpoint only stores degree {degree}"
+            text = f"the setting sh_degree is {wanted}; the checkpoint only stores degree {degree}"
             raise UsageError("SETTING_VALUE", text)
         settings = {}
         for name, setting in self._known.items():
@@ -126,11 +127,12 @@ class Model:
     Attributes
     ----------
     buffers : dict of str to ndarray
-        Arrays with the names of an asset. If the layout permits it they are views of the mapped file.
+        Arrays with the buffer names of an asset. If the file layout permits, they are views of the mapped
+        file.
     domains : dict of str to {"vertex", "face", "corner", "global"}
         The domain of every buffer except `positions` and `indices`.
     description : Description
-        Method, kernels and settings. `export` sets its `source`.
+        Method, kernels and settings. `export` sets the `source` of the description.
     root : Path
         The output folder of the training, or the folder of the single file.
     files : tuple of Path
@@ -153,7 +155,8 @@ class Model:
 def soup_buffers(
     triangles: NDArray[np.float32], **by_face: NDArray[np.float32] | None
 ) -> dict[str, NDArray[Any]]:
-    """Return buffers of separate triangles (N, 3, 3) with values `by_face` (N, ...); None adds no buffer."""
+    """Return buffers of separate triangles (N, 3, 3) with values `by_face` (N, ...). A value of None adds no
+    buffer."""
     count = len(triangles)
     buffers: dict[str, NDArray[Any]] = {
         "positions": triangles.reshape(3 * count, 3),
@@ -166,12 +169,13 @@ def soup_buffers(
 
 
 def domains_of(buffers: Mapping[str, NDArray[Any]], domain: Domain) -> dict[str, Domain]:
-    """Return one domain for all buffers except positions and indices, which have fixed domains."""
+    """Return a mapping with one domain for all buffers, except positions and indices, whose domains are
+    fixed."""
     return dict.fromkeys(buffers.keys() - {"positions", "indices"}, domain)
 
 
 def sh_appearance(degree: int, white: object = None) -> dict[str, Any]:
-    """Return the `appearance` of SH colours, with the background if `white` is a bool."""
+    """Return the `appearance` of SH colours, with a background if `white` is a bool."""
     appearance: dict[str, Any] = {"kind": "spherical_harmonics"}
     if degree:
         appearance["f_rest_order"] = "coefficient_major"
@@ -179,5 +183,6 @@ def sh_appearance(degree: int, white: object = None) -> dict[str, Any]:
 
 
 def background_of(white: object) -> dict[str, str]:
-    """Return the key `background` for `appearance`: white or black, or no key if `white` is not a bool."""
+    """Return the key `background` for `appearance`: white or black. If `white` is not a bool, return no
+    key."""
     return {"background": "#ffffff" if white else "#000000"} if isinstance(white, bool) else {}

@@ -1,7 +1,8 @@
 """Write an asset as the mesh file that the official exporter of its method would write.
 
-These files differ from the standard-tier mesh: some exporters keep alpha, evaluate SH in a fixed direction,
-merge vertices or write every face twice. Tests compare with files of the official code.
+The exporter's file differs from the standard-tier mesh. Some exporters keep alpha, evaluate SH in a fixed
+direction, merge vertices or write every face twice. Tests compare the results with files of the official
+code.
 """
 
 import os
@@ -17,9 +18,9 @@ from msb.registry import lookup, role, with_role
 
 
 class Official(Protocol):
-    """What the module `official` of a method must contain."""
+    """The required contents of a method's module `official`."""
 
-    # Suffixes of the files of the exporter; "" stands for a folder.
+    # File suffixes of the exporter; "" means a folder.
     SUFFIXES: tuple[str, ...]
 
     def write(self, asset: Asset, path: Path) -> None:
@@ -27,7 +28,7 @@ class Official(Protocol):
 
 
 def write_official(asset: Asset, path: str | os.PathLike[str]) -> None:
-    """Write `asset` to `path` as the official exporter of its method does."""
+    """Write `asset` to `path` like the official exporter of its method."""
     exporter, path = official_exporter(asset.manifest.method), Path(path)
     suffix = path.suffix.lower()
     if suffix not in exporter.SUFFIXES:
@@ -42,7 +43,7 @@ def official_exporter(method: str) -> Official:
     exporter: Any = role(method, "official")
     if exporter is None:
         names = ", ".join(name for name, _ in with_role("official"))
-        text = f"{lookup(method).title} has no official exporter; these methods have one: {names}"
+        text = f"{lookup(method).title} has no official exporter; methods with an exporter: {names}"
         raise Unsupported("UNSUPPORTED_METHOD", text)
     return cast("Official", exporter)
 

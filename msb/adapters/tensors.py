@@ -11,22 +11,24 @@ from msb.adapters.checkpoint import BFloat16Array
 from msb.asset.drawable import first_bad
 from msb.errors import CheckpointError, Finding, finding, shorten
 
-# The length of an axis, or a letter. All axes with the same letter must have the same length.
+# The length of an axis, or a letter for an unknown length. All axes with the same letter must have equal
+# lengths.
 Axis = int | str
 
-# The SH degree L by the number K of coefficients per channel. Degree 0 is not counted: K = (L + 1)^2 - 1.
+# For each number K of coefficients per channel, the SH degree L. The coefficient of degree 0 is not
+# counted: K = (L + 1)^2 - 1.
 SH_COEFFICIENTS = {0: 0, 3: 1, 8: 2, 15: 3}
 
 
 class Tensors:
-    """The named tensors of a file. Each is checked when it is read.
+    """The named tensors of a file. Each tensor is checked when it is read.
 
     Parameters
     ----------
     values : mapping
         The dictionary from `read_checkpoint`: tensors and other values by key.
     file : Path
-        The file, for error messages.
+        The file that error messages name.
     check_values : bool
         Whether values that are not finite are errors.
     """
@@ -40,7 +42,7 @@ class Tensors:
         return key in self._values
 
     def value(self, key: str) -> Any:
-        """Return the value of `key`, of any type. bfloat16 is converted to float32, which is exact."""
+        """Return the value of `key`, of any type. The exact conversion of bfloat16 gives float32."""
         if key not in self._values:
             keys = ", ".join(shorten(str(name), 40) for name in list(self._values)[:16]) or "nothing"
             text = f'the key "{key}" is missing; its keys: {keys}'
@@ -51,9 +53,9 @@ class Tensors:
     def floats(self, key: str, *shape: Axis, infinite: bool = False) -> NDArray[np.float32]:
         """Return the tensor `key` of this `shape` as float32.
 
-        float16 and bfloat16 are converted exactly; float64 is rounded, with a warning. `infinite` allows
-        infinite values, which are logits of opacities 0 and 1. A letter in `shape` stands for the same length
-        in all tensors.
+        float16 and bfloat16 are converted exactly; float64 is rounded, with a warning. With `infinite`,
+        infinite values are allowed, which are logits of opacities 0 and 1. A letter in `shape` means an
+        equal length in all tensors.
         """
         array = self._tensor(key, "float32", "f")
         self._check_shape(key, array.shape, shape)
@@ -68,13 +70,13 @@ class Tensors:
         return values
 
     def indices(self, key: str, vertices: int, *shape: Axis) -> NDArray[np.uint32]:
-        """Return the integer tensor `key` as uint32. Its values must be 0 to `vertices` - 1."""
+        """Return the integer tensor `key` as uint32. The values of the tensor must be 0 to `vertices` - 1."""
         array = self._tensor(key, "int32 or int64", "iu")
         self._check_shape(key, array.shape, shape)
         if array.size and not 0 <= int(array.min()) <= int(array.max()) < vertices:
             at = np.argwhere((array < 0) | (array >= vertices))[0].tolist()
             value = int(array[tuple(at)])
-            text = f"{key}{at} is {value}; it must be 0 to {vertices - 1}"
+            text = f"{key}{at} is {value}; it must be from 0 to {vertices - 1}"
             raise self.error("CHECKPOINT_LAYOUT", text, f"{key}{at}")
         return array.astype(np.uint32)
 
@@ -107,12 +109,13 @@ class Tensors:
         return SH_COEFFICIENTS[coefficients]
 
     def axis(self, key: str, number: int) -> int:
-        """Return the unchecked length of an axis of the tensor `key`, or 0 if it has no such axis."""
+        """Return the unchecked length of an axis of the tensor `key`, or 0 if the tensor has no such axis."""
         shape = self._tensor(key, "float32", "fiu").shape
         return int(shape[number]) if number < len(shape) else 0
 
     def length(self, letter: str) -> int:
-        """Return the length of the axes with `letter`. A tensor with this letter must have been read."""
+        """Return the length of all axes with the letter `letter`. Call `length` only after reading a tensor
+        with this letter."""
         return self._lengths[letter][0]
 
     def error(self, code: str, text: str, pointer: str) -> CheckpointError:
@@ -138,7 +141,7 @@ class Tensors:
         return self.error("CHECKPOINT_LAYOUT", f"{key} is {what}; it must be {wanted}", key)
 
     def _check_shape(self, key: str, shape: tuple[int, ...], wanted: tuple[Axis, ...]) -> None:
-        """Check a shape; the first tensor with a letter sets the length of this letter."""
+        """Check the shape of tensor `key`. The first tensor with a letter sets the length of the letter."""
         ok = len(shape) == len(wanted)
         for axis, length in zip(wanted, shape, strict=False):
             if isinstance(axis, int):

@@ -1,4 +1,4 @@
-"""Find the cameras of a training: in its output folder, or in the scene that its config names."""
+"""Find the cameras of a training in its output folder, or in the scene that its config names."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,22 +12,23 @@ from msb.registry import role
 from msb.scenes import Camera, read_cameras
 
 # File of the 3DGS family in the output folder (graphdeco-inria/gaussian-splatting: scene/__init__.py).
-# `msb run` writes it next to its assets.
+# File that `msb run` writes next to its assets.
 CAMERAS = "cameras.json"
-# At most this many of the last components of the scene's path are searched for in other folders.
+# Maximum number of last components of the scene's path that are used to find a moved scene.
 _DEEPEST = 40
-# Number of folders above a model that are searched for the scene, if the path in the config does not exist.
+# Number of folders above a model that are searched for a moved scene.
 _LEVELS = 6
 
 
 def training_cameras(path: Path, method: str) -> Iterator[tuple[list[Camera], Path]]:
-    """Yield the cameras of the training of the model at `path` and their source, the most reliable first."""
+    """Yield the training cameras of the model at `path` with their source. The most reliable cameras come
+    first."""
     try:
         root = path.absolute().parent if is_asset(path) else locate(path).root.absolute()
         places = [root / CAMERAS] if (root / CAMERAS).is_file() else []
         if (scene := _scene(root, method)) is not None:
             places.append(scene)
-    except (MsbError, OSError, ValueError):  # a mesh file, or an impossible path
+    except (MsbError, OSError, ValueError):  # `path` is a mesh file, or not a valid path
         return
     for place in places:
         try:
@@ -45,7 +46,7 @@ def _scene(root: Path, method: str) -> Path | None:
         named = read_cfg_args(root)[0].get("source_path")
     if not isinstance(named, str) or not named:
         return None
-    # If the path does not exist, try its last components below the folders above the model.
+    # If the path does not exist, search for its last components below the folders above the model.
     parts = Path(named.replace("\\", "/")).parts
     ends = (Path(*parts[k:]) for k in range(max(0, len(parts) - _DEEPEST), len(parts) - 1))
     moved = (above / end for end in ends for above in (root, *root.parents[:_LEVELS]))

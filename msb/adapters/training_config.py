@@ -1,6 +1,6 @@
 """Read `cfg_args`, the file with the options of a training of the 3DGS family.
 
-Values are parsed as literals. Nothing in the file is executed.
+Values are parsed as Python literals. Reading the file executes nothing in it.
 """
 
 import ast
@@ -15,10 +15,11 @@ from msb.errors import CheckpointError, Finding, InputError, finding, shorten
 from msb.scenes.datasets.catalog import DATASETS
 from msb.scenes.datasets.notes import warn_test_views
 
-# Maximum number of bytes that are read. A config has some kilobytes, and a log begins with its config.
+# Maximum number of bytes read from a config or log. A config has some kilobytes, and a log begins with its
+# config.
 MAX_BYTES = 1 << 16
 _NAMESPACE = re.compile(r"Namespace\((.*)\)", re.DOTALL)
-# A quoted text, a bracket or a comma.
+# Matches a quoted text, a bracket or a comma.
 _TOKEN = re.compile(r"""'(?:[^'\\]|\\.)*+'|"(?:[^"\\]|\\.)*+"|[(\[{)\]},]""", re.DOTALL)
 
 
@@ -41,7 +42,7 @@ def read_cfg_args(root: Path) -> tuple[dict[str, Any], tuple[Path, ...], list[Fi
         return {}, (), [finding(error.code, error.message, severity="warning", pointer="cfg_args")]
     values, unread = _parse_arguments(inside[1]) if inside else ({}, [])
     if inside is None or (unread and not values):
-        text = "cfg_args is not a line Namespace(name=value, ...); it is ignored"
+        text = "cfg_args is not a line Namespace(name=value, ...); the file is ignored"
         return {}, (), [finding("CHECKPOINT_CONFIG", text, severity="warning", pointer="cfg_args")]
     found = [warn_test_views()] if values.get("eval") is False else []
     if unread:
@@ -53,7 +54,7 @@ def read_cfg_args(root: Path) -> tuple[dict[str, Any], tuple[Path, ...], list[Fi
 def _parse_arguments(text: str) -> tuple[dict[str, Any], list[str]]:
     """Return the values of ``name=value, ...``, and the names whose value is not a literal.
 
-    A name that occurs twice is not read.
+    If a name occurs twice, the second value is ignored.
     """
     values: dict[str, Any] = {}
     unread: list[str] = []
@@ -62,7 +63,7 @@ def _parse_arguments(text: str) -> tuple[dict[str, Any], list[str]]:
         name = name.strip()
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # hides Python's warnings about escapes in literals
+                warnings.simplefilter("ignore")  # hide Python's warnings about escapes in literals
                 read = ast.literal_eval(value.strip())
             if not name.isidentifier() or name in values or name in unread:
                 raise ValueError
@@ -75,7 +76,7 @@ def _parse_arguments(text: str) -> tuple[dict[str, Any], list[str]]:
 
 
 def _split_arguments(text: str) -> list[str]:
-    """Split `text` at commas outside of quotes and brackets."""
+    """Split `text` at commas outside quotes and brackets."""
     parts, start, depth = [], 0, 0
     for token in _TOKEN.finditer(text):
         if token[0] in "([{":
@@ -105,9 +106,9 @@ def training_of(arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def named_up(path: Any) -> str:
-    """Return the up axis of the dataset that `path` names: +z for NeRF-Synthetic, -y for COLMAP datasets.
+    """Return the up axis of the dataset in which `path` lies: +z for NeRF-Synthetic, -y for COLMAP datasets.
 
-    The result is "unknown" for other names. The path belongs to the training machine and is not opened.
+    The result is "unknown" for other datasets. The path belongs to the training machine and is not opened.
     """
     names = str(path).lower()
     for up, words in (("+z", ("synthetic", "blender")), ("-y", ("colmap", "360", "tanks", "tandt", "dtu"))):
@@ -130,7 +131,8 @@ def trained_up(arguments: Mapping[str, Any]) -> str:
 
 
 def read_text(path: Path) -> str:
-    """Return the first `MAX_BYTES` of a text file. If it cannot be read, raise the error of `unusable`."""
+    """Return the first `MAX_BYTES` of a text file. If the file cannot be read, raise the error that
+    `unusable` returns."""
     try:
         return read_file(path, MAX_BYTES)[:MAX_BYTES].decode("utf-8", "replace").replace("\r\n", "\n")
     except InputError as error:
@@ -138,7 +140,7 @@ def read_text(path: Path) -> str:
 
 
 def unusable(path: Path, why: str) -> CheckpointError:
-    """Return the error CHECKPOINT_CONFIG about a file that cannot be used."""
+    """Return the error CHECKPOINT_CONFIG for a file that cannot be used."""
     return CheckpointError("CHECKPOINT_CONFIG", shorten(why, 200), file=path)
 
 

@@ -1,1 +1,1 @@
-"""Public functions that `msb` exports: audit, open, validate and the demo data. Each is a module."""
+"""Public functions that `msb` exports: audit, open, validate and the demo data."""

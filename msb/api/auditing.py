@@ -26,7 +26,7 @@ class HasTriangles(Protocol):
 
 
 class HasPolygons(Protocol):
-    """A PolyData of pyvista."""
+    """A PolyData object of pyvista."""
 
     @property
     def points(self) -> Any: ...
@@ -44,19 +44,19 @@ def audit(vertices: ArrayLike, faces: ArrayLike, *, weld: Weld | None = None) ->
 def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = None) -> Audit:
     """Audit the structure of a triangle mesh exactly as it is stored.
 
-    Nothing is merged, removed, reoriented or repaired first (paper: "Mesh structural integrity" and
-    appendix "Topology-Metric Definitions and Interpretation Limits"). Only the verdict ignores seams, which
-    are vertices that are duplicated because their UVs or colours differ. Objects of other libraries have no
+    Nothing is merged, removed, reoriented or repaired before counting (paper: "Mesh structural integrity" and
+    appendix "Topology-Metric Definitions and Interpretation Limits"). The verdict ignores seams, which are
+    vertices that are duplicated because their UVs or colours differ. Objects of other libraries have no
     seams, because their UVs and colours are not read.
 
     Parameters
     ----------
     vertices : (V, 3) real numbers, Asset, path-like, pair or mesh
-        Coordinates in any unit of length; NaN is allowed and counted. For everything else omit `faces`: an
-        asset; a path that `msb.open` accepts; a pair ``(vertices, faces)``; a `msb.meshes.Mesh` or any object
-        with `vertices` and `faces`, such as a trimesh; a pyvista PolyData, whose own `triangulate` splits
-        polygons. A mesh file is audited in the precision of the file, as by `msb audit PATH`, although
-        `msb.open` rounds it to float32.
+        Coordinates in any unit of length; NaN values are allowed and counted. Omit `faces` for all other
+        inputs. The other inputs are an asset, a path that `msb.open` accepts, a pair ``(vertices, faces)``, a
+        `msb.meshes.Mesh`, any object with `vertices` and `faces` such as a trimesh, and a pyvista PolyData.
+        The method `triangulate` of a PolyData splits its polygons. The audit of a mesh file uses the
+        precision of the file, as `msb audit PATH` does. In contrast, `msb.open` rounds to float32.
     faces : (F, 3) integers
         0-based vertex indices.
     weld : "exact" or float, optional
@@ -75,11 +75,12 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
 
     Notes
     -----
-    O((V + F) log F) time. Large meshes are audited by OpenCL kernels (docs/audit_speed.md).
+    The audit takes O((V + F) log F) time. Large meshes are audited by OpenCL kernels (docs/audit_speed.md).
 
     Examples
     --------
-    A book of three pages has one non-manifold edge and two non-manifold vertices, its ends:
+    A book of three pages has one non-manifold edge, which is its spine. The two ends of the spine are
+    non-manifold vertices.
 
     >>> import msb
     >>> points = [[0, 0, 0], [0, 0, 1], [1, 0, 0], [-1, 1, 0], [-1, -1, 0]]
@@ -99,7 +100,7 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
 
 
 def audit_stored(mesh: StoredMesh, *, weld: Weld | None = None) -> tuple[Audit, Analysis]:
-    """Return the audit of a stored mesh, with its path and method, and also the analysis for viewers."""
+    """Return the audit of a stored mesh with its path and method. Also return the analysis for viewers."""
     with about(mesh.path):
         report, analysis = audit_arrays(mesh.vertices, mesh.faces, weld=weld, attributes=mesh.attributes)
     path = None if mesh.path is None else str(mesh.path)
@@ -107,24 +108,25 @@ def audit_stored(mesh: StoredMesh, *, weld: Weld | None = None) -> tuple[Audit, 
 
 
 def next_command(audit: Audit, source: str, output: str | None = None, plan: str | None = None) -> str | None:
-    """Return the command that improves a mesh, or None if the mesh is OK or no command is known to help.
+    """Return the command that improves a mesh. Return None if the mesh is OK or no command can improve it.
 
-    `source` is the path of the mesh, and `output` is the path of the file to write. Both are quoted for a
-    shell. Default: a file in the current folder. `plan` replaces the plan of the verdict.
+    The argument `source` is the path of the mesh. The argument `output` is the path of the file to write.
+    Both paths are quoted for a shell. The default `output` is a file in the current folder. The argument
+    `plan` replaces the repair plan of the verdict.
     """
     plan = judge(audit).plan if plan is None else plan
     if not plan:
         return None
     if plan == "bake":
         return f"msb bake {source} -o {output or 'baked.glb'} --geometry surface"
-    # A triangle soup of a method is merged to an ordinary mesh.
+    # The triangle soup of a method without native rendering is merged to an ordinary mesh.
     keeps_method = audit.method not in (None, "mesh") and "weld" not in plan
     target = output or ("repaired.triasset" if keeps_method else "repaired.glb")
     return f"msb repair {source} {target} --plan {plan}"
 
 
 def native_advice(audit: Audit, source: str) -> str | None:
-    """Return the commands for a trained soup whose corners do not coincide, or None for other meshes."""
+    """Return commands for a trained soup whose corners do not coincide. Return None for other meshes."""
     from msb.registry import lookup
 
     if audit.judged.corners_coincide is not False or not audit.method:

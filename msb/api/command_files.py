@@ -1,4 +1,4 @@
-"""Functions that commands share: open assets, process several inputs, write a mesh with its other files."""
+"""Functions of several commands: open assets, process several inputs, write a mesh with additional files."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -24,7 +24,7 @@ def open_asset(path: Path, output: Output) -> Asset:
 
 
 def note_opened(path: Path, asset: Asset, output: Output) -> None:
-    """Print which checkpoint in the folder at `path` was opened, and the warnings of the asset."""
+    """Print warnings of the asset, and the name of the checkpoint that was opened in the folder at `path`."""
     from msb.api.opening import describe_opened
 
     for text in describe_opened(path, asset):
@@ -32,7 +32,7 @@ def note_opened(path: Path, asset: Asset, output: Output) -> None:
 
 
 def open_baked(path: Path, asset: Asset, output: Output) -> Asset:
-    """Open a mesh that was baked from `asset`, and rotate it into the coordinates of `asset`."""
+    """Open a mesh that was baked from `asset`, and rotate the mesh into the coordinates of `asset`."""
     from msb.meshes.assets import align_baked
 
     return align_baked(open_asset(path, output), asset)
@@ -53,9 +53,9 @@ def for_each(
     Parameters
     ----------
     paths : iterable of Path
-        Files, folders and patterns of the command line. Repeated inputs are processed once.
+        Files, folders and patterns of the command line. Repeated inputs are processed only once.
     schema : str
-        Schema of a document with an error.
+        Schema of error documents.
     output : Output
     work : callable
         ``(path, is_only_input) -> (document, exit status)``.
@@ -71,7 +71,7 @@ def for_each(
     status = 0
     documents: list[dict[str, Any]] = []
 
-    # Errors of inputs are collected. The command continues unless --fail-fast was given.
+    # The errors of inputs are collected. The command continues after an error unless --fail-fast was given.
     def fail(path: Path, error: MsbError) -> int:
         output.reword(error)
         details = {"code": error.code, "message": error.message}
@@ -88,7 +88,7 @@ def for_each(
             status = fail(path, error)
             return []
 
-    # Expand patterns before folders, because a pattern can match a folder and also the files in it.
+    # Expand patterns before folders, because a pattern can match both a folder and files in this folder.
     named = [match for path in _without_repeats(paths) for match in expand(path, matches)]
     inputs = _without_repeats(each for path in _without_repeats(named) for each in expand(path, inputs_at))
     output.add_inputs(inputs)
@@ -105,14 +105,14 @@ def for_each(
             continue
         documents.append(document)
         status = max(status, its_status)
-    # If the only input failed, no document is written, only the line on standard error.
+    # If the only input failed, print a line on standard error, and write no document.
     if len(documents) > 1 or (documents and "error" not in documents[0]):
         output.write_documents(documents)
     return status, documents
 
 
 def _without_repeats(paths: Iterable[Path]) -> list[Path]:
-    """Return `paths` without those that lead to the same file as an earlier one. Hard links are kept."""
+    """Return `paths` without later paths to the same file. Several hard links to one file are all kept."""
     first: dict[str, Path] = {}
     for path in paths:
         first.setdefault(real_place(path), path)
@@ -133,7 +133,7 @@ def write_mesh_files(mesh: Mesh, target: Path, output: Output, style: Style | No
 
 
 def check_asset_place(target: Path, form: str | None, output: Output) -> None:
-    """Check the path of a `.triasset` that will be written. A folder is only replaced if it is an asset."""
+    """Check the output path of a `.triasset`. An existing folder is replaced only if it contains an asset."""
     from msb.asset.writer import check_asset_folder
 
     output.check_free(target, folder=form == "folder", label="OUT")

@@ -1,4 +1,4 @@
-"""The demo data: small scenes and models, which are part of a wheel and of a checkout (`data_stubs`)."""
+"""The demo data: small scenes and models, which are part of each wheel and checkout (`data_stubs`)."""
 
 import os
 import shutil
@@ -6,8 +6,8 @@ from pathlib import Path
 
 from msb.base.own_folder import own_folder
 
-# The data in `data_stubs`, without the scripts that create it. pyproject.toml lists the same files for a
-# wheel.
+# The data in `data_stubs`, without the scripts that create the data. pyproject.toml lists the same files
+# for a wheel.
 CONTENTS = (
     "checkpoint",
     "models",
@@ -31,7 +31,7 @@ def demo_folder() -> Path:
 def write_demo(folder: str | os.PathLike[str], *, overwrite: bool = True) -> int:
     """Write the demo data to `folder`, and return its size in bytes.
 
-    With `overwrite` demo data of an earlier call is replaced, and other files are kept.
+    With `overwrite`, demo data of an earlier call is replaced, and other files are kept.
     """
     source = demo_folder()
     paths = [path for name in CONTENTS for path in (source / name, *(source / name).rglob("*"))]
@@ -41,6 +41,6 @@ def write_demo(folder: str | os.PathLike[str], *, overwrite: bool = True) -> int
             if path.is_dir():
                 place.mkdir()
             else:
-                # the file mode is not copied, because an installation can be read-only
+                # Do not copy the file mode, because an installation can be read-only.
                 shutil.copyfile(path, place)
     return sum(path.stat().st_size for path in paths if path.is_file())

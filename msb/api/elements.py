@@ -15,13 +15,13 @@ from msb.topology.elements import Elements
 
 
 def write_elements(elements: Elements, path: Path, *, overwrite: bool = True) -> None:
-    """Write `elements` to `path`, in the format of its suffix. Kinds have the same names as in JSON.
+    """Write `elements` to `path` in the format of the path's suffix.
 
-    ``.vtp`` has points, edges and faces as cells with the arrays ``kind``, ``element`` and ``component``.
-    ``kind`` is 0 for ordinary faces. Otherwise it is the position, counted from 1, in the field array
-    ``kinds``, which holds the names. ``.csv`` has one row per element. ``.npz`` has one array per kind, and
-    ``face_component``. Edges are stored as vertex pairs, other elements as indices. Without `overwrite` an
-    existing file is an error.
+    The kinds have the names of the JSON keys. ``.vtp`` has points, edges and faces as cells with the arrays
+    ``kind``, ``element`` and ``component``. ``kind`` is 0 for ordinary faces. For a defective element,
+    ``kind`` is 1 plus the index of its name in the field array ``kinds``. ``.csv`` has one row per element.
+    ``.npz`` has one array per kind, and ``face_component``. Edges are stored as vertex pairs, other elements
+    as indices. Without `overwrite` an existing file is an error.
     """
     with new_file(path, overwrite=overwrite) as file:
         _WRITERS[path.suffix.lower()](elements, file)
@@ -35,14 +35,14 @@ def _write_npz(elements: Elements, file: IO[bytes]) -> None:
 
 
 def _write_csv(elements: Elements, file: IO[bytes]) -> None:
-    # The wrapper is detached at the end, so that it does not close the file.
+    # Detach the wrapper at the end. Otherwise the wrapper would close the file.
     text = io.TextIOWrapper(file, "utf-8", newline="", write_through=True)
     try:
         writer = csv.writer(text)
         writer.writerow(["kind", "element", "component", "vertices", "x", "y", "z"])
         for group in elements.groups:
             of_faces = group.vertices.shape[1] == 3
-            # The position of an element is its first vertex.
+            # An element has the position of its first vertex.
             for number, ends in zip(group.numbers.tolist(), group.vertices.tolist(), strict=True):
                 component = int(elements.face_component[number]) if of_faces else ""
                 place = elements.vertices[ends[0]].tolist()
@@ -56,10 +56,11 @@ def _write_vtp(elements: Elements, file: IO[bytes]) -> None:
 
     # Cells are triples (kind, element indices (n,), vertex indices (n, 1 | 2 | 3)).
     kinds = [group.kind for group in elements.groups]
-    # Every face is an ordinary cell, kind 0; defective faces are added again with their kind.
+    # Every face is an ordinary cell of kind 0. A defective face is added again with its own kind.
     plain = (0, np.arange(len(elements.faces)), elements.faces)
     cells = [(kinds.index(group.kind) + 1, group.numbers, group.vertices) for group in elements.groups]
-    cells = sorted([plain, *cells], key=lambda cell: cell[2].shape[1])  # VTK's order: points, lines, polygons
+    # VTK expects points, lines, then polygons.
+    cells = sorted([plain, *cells], key=lambda cell: cell[2].shape[1])
 
     def joined(size: int) -> NDArray[Any]:
         return np.concatenate([vertices for _, _, vertices in cells if vertices.shape[1] == size])

@@ -31,12 +31,12 @@ _PATTERN = re.compile(r"\s*(?:(?:counts|metrics)\.)?([a-z_]+)\s*(>=|<=|==|!=|>|<
 FailingLevel = Literal["limited", "bad"]
 _FAILING: dict[FailingLevel, tuple[Level, ...]] = {"limited": ("limited", "bad"), "bad": ("bad",)}
 Profile = Literal["game", "print", "research"]
-# The conditions that make a mesh unfit, for each purpose. The limits of `game` and `print` are our choice.
+# The conditions that make a mesh unfit, for each purpose. We chose the limits of `game` and `print`.
 PROFILES: dict[Profile, tuple[str, ...]] = {
-    # For engines. Simplification, subdivision and UV unwrapping need connected faces: V/F is 0.5 for a closed
-    # mesh and 3 for a triangle soup. Props may consist of pieces. Engines duplicate vertices at
-    # non-manifold elements. Up to 1 % of non-manifold elements can be repaired by a tool or by hand. Open
-    # edges are harmless.
+    # For engines. Simplification, subdivision and UV unwrapping need connected faces. A closed mesh has V/F =
+    # 0.5, and a triangle soup has V/F = 3. Props (game objects) may consist of pieces. Engines duplicate
+    # vertices at non-manifold elements. Up to 1 % of non-manifold elements can be repaired by a tool or by
+    # hand. Open edges are harmless in game engines.
     "game": (
         "nonfinite_faces>0",
         "vf_ratio>2.5",
@@ -44,7 +44,8 @@ PROFILES: dict[Profile, tuple[str, ...]] = {
         "nonmanifold_vertex_ratio>0.01",
         "inconsistent_winding_edges>0",
     ),
-    # For slicers: a closed, consistently wound surface, which may consist of several bodies.
+    # The profile `print`, for slicers: a closed, consistently wound surface, which may consist of several
+    # bodies.
     "print": (
         "nonfinite_faces>0",
         "boundary_edges>0",
@@ -54,8 +55,8 @@ PROFILES: dict[Profile, tuple[str, ...]] = {
         "duplicate_faces>0",
         "repeated_index_faces>0",
     ),
-    # The mesh must be connected at least as well as the average of MeshSplatting over the paper's scenes
-    # (Table mesh_connectivity).
+    # The mesh must be connected at least as well as the paper's average of MeshSplatting (Table
+    # mesh_connectivity).
     "research": (
         "nonfinite_faces>0",
         "boundary_edge_ratio>0.45",
@@ -73,16 +74,18 @@ class GateOptions:
 
     fail_on: Annotated[
         tuple[str, ...],
-        Option('Fail if this is true, e.g. "components>1". May be given again.', metavar="COND"),
+        Option('Fail if this condition is true, e.g. "components>1". May be given again.', metavar="COND"),
     ] = ()
-    fail_on_verdict: Annotated[FailingLevel | None, Option("Fail if the verdict is this or worse.")] = None
+    fail_on_verdict: Annotated[
+        FailingLevel | None, Option("Fail if the verdict has this level or a worse level.")
+    ] = None
     profile: Annotated[
         Profile | None,
         Option("Fail unless the mesh is fit for this purpose; docs/cli.md lists the conditions."),
     ] = None
 
     def gates(self) -> list[Gate | VerdictGate]:
-        """Return the requested gates."""
+        """Return the requested gates (conditions that make the command fail)."""
         gates: list[Gate | VerdictGate] = [*map(parse_gate, self.fail_on)]
         if self.profile is not None:
             gates += [replace(parse_gate(text), profile=self.profile) for text in PROFILES[self.profile]]
@@ -91,7 +94,7 @@ class GateOptions:
 
 @dataclass(frozen=True)
 class Gate:
-    """A gate that fails if ``key operator limit`` is true."""
+    """A gate (condition) that fails if ``key operator limit`` is true."""
 
     key: str
     sign: str
@@ -99,10 +102,10 @@ class Gate:
     profile: Profile | None = None
 
     def check(self, audit: Audit, path: Path) -> GateFailed | None:
-        """Return the error if the condition is true for `audit`.
+        """Return an error if the condition is true for `audit`.
 
-        The gates of a profile check the requested weld; if none is requested, they check the mesh with its
-        seams merged. A ratio with the denominator 0 also fails, because an empty mesh must not pass.
+        A profile checks the mesh after the requested weld, or otherwise the mesh with merged seams. A ratio
+        with the denominator 0 also fails, because an empty mesh must not pass.
         """
         judged = audit if self.profile is None else audit.welded or audit.judged
         value = {**asdict(judged.counts), **asdict(judged.metrics)}[self.key]
@@ -116,7 +119,7 @@ class Gate:
 
 @dataclass(frozen=True)
 class VerdictGate:
-    """A gate that fails if the verdict is `level` or worse."""
+    """A gate (condition) that fails if the verdict is `level` or worse."""
 
     level: FailingLevel
 
@@ -132,7 +135,7 @@ class VerdictGate:
 
 
 def parse_gate(text: str) -> Gate:
-    """Return the gate written as ``KEY OPERATOR NUMBER``, such as "nonmanifold_edge_ratio>0"."""
+    """Return the gate for a text ``KEY OPERATOR NUMBER``, such as "nonmanifold_edge_ratio>0"."""
     from msb.topology.audit import Metrics
     from msb.topology.findings import Counts
 

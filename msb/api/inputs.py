@@ -1,4 +1,5 @@
-"""Expand the inputs of a command line: assets, mesh files, checkpoints, folders of these, and patterns."""
+"""Expand the inputs of a command line: assets, mesh files, checkpoints, folders of such files, and
+patterns."""
 
 import glob
 import os
@@ -13,12 +14,12 @@ from msb.meshes import MESH_SUFFIXES
 
 
 def expand(path: Path) -> list[Path]:
-    """Return the inputs of a path or pattern without repeats; folders in `matches` are expanded."""
+    """Return the inputs of a path or pattern without repeats. Folders in `matches` are expanded."""
     return list(dict.fromkeys(each for match in matches(path) for each in inputs_at(match)))
 
 
 def matches(path: Path) -> list[Path]:
-    """Return `path` if it exists, or the sorted matches of `path` as a pattern.
+    """Return `path` if it exists, otherwise the sorted paths that match `path` as a pattern.
 
     Some shells do not expand patterns (``*``, ``?``, ``[...]``, ``**``). Files inside a matching asset or
     checkpoint are omitted.
@@ -37,17 +38,17 @@ def matches(path: Path) -> list[Path]:
 
 
 def inputs_at(path: Path) -> list[Path]:
-    """Return an input itself, or the sorted assets, checkpoints and mesh files in a folder."""
+    """Return an input itself. For a folder, return its assets, checkpoints and mesh files, sorted."""
     if not _is_folder(path) or is_asset(path) or is_checkpoint(path):
         return [path]
     inputs = sorted(_find_below(path))
-    # A folder whose name fits no method can still hold a single model file.
+    # If no folder name fits a method, the folder can still contain a single model file.
     if not inputs and bare_models(path):
-        locate(path)  # raises an error if the folder holds several
+        locate(path)  # Raises an error if the folder contains several models.
         return [path]
     if not inputs:
         wanted = ", ".join((ASSET_SUFFIX, *MESH_SUFFIXES))
-        text = f"the folder holds neither a checkpoint nor files with a suffix of {wanted}"
+        text = f"the folder contains no checkpoint and no file with a suffix of {wanted}"
         raise InputError("FILE_NOT_RECOGNISED", text, file=path)
     return inputs
 
@@ -63,7 +64,7 @@ def _find_below(folder: Path) -> Iterator[Path]:
     """Yield the inputs in a folder and its subfolders, except hidden folders."""
     for root, folders, files in os.walk(folder):
         here = Path(root)
-        # A folder that is an asset or checkpoint is one input: do not descend into it.
+        # A folder that is an asset or checkpoint is one input, so its content is not searched.
         assets = [name for name in folders if is_input(here / name)]
         folders[:] = [name for name in folders if name not in assets and not name.startswith(".")]
         yield from (here / name for name in assets)
@@ -76,4 +77,4 @@ def is_input(folder: Path) -> bool:
     try:
         return is_asset(folder) or is_checkpoint(folder)
     except InputError:
-        return True  # the error is reported when this input is opened
+        return True  # Opening this input reports the error.

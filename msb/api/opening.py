@@ -1,7 +1,8 @@
-"""Open a file of any kind as an asset, or read its mesh as stored, for the API, commands and viewers.
+"""Opens a file of any kind as an asset, or reads a mesh as stored.
 
-An asset is recognised by its name or manifest, and a checkpoint by the name of its file or folder. A PLY
-table of primitives is recognised by its header. Everything else is treated as a mesh file.
+The API, commands and viewers use this module. An asset is detected by its name or manifest, and a checkpoint
+by the name of its file or folder. A PLY table of primitives is detected by its header. All other files are
+treated as mesh files.
 """
 
 from __future__ import annotations
@@ -34,17 +35,17 @@ def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
     Parameters
     ----------
     path : path-like
-        A `.triasset` (packed or folder), the output folder of a training or the file in it that holds the
-        model, or a mesh file.
+        A `.triasset` (packed or folder), the output folder of a training, a model file in such a folder, or
+        a mesh file.
     method : str, optional
-        The expected method. By default it is detected from the content.
+        The expected method. By default, the method is detected from the content.
 
     Returns
     -------
     Asset
-        The result of `load` or `export`. Positions are float32, even if a mesh file has float64, and relative
-        to an origin if the mesh is far away from zero for its size. Faces of mesh files and checkpoints with
-        values that are not finite are left out, with a warning.
+        The result of `load` or `export`. Positions are float32, even if a mesh file has float64. Positions
+        are relative to an origin if the mesh is very far from zero relative to its size. Faces of mesh
+        files and checkpoints with non-finite values are left out, with a warning.
 
     Raises
     ------
@@ -64,7 +65,7 @@ def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
         return finish(read_model(place, method=method))
     asset = load(place)
     if method not in (None, asset.manifest.method):
-        text = f"it holds a {asset.manifest.method} model, but {method} was requested"
+        text = f"it contains a {asset.manifest.method} model, but {method} was requested"
         raise CheckpointError("CHECKPOINT_METHOD", text, file=place)
     return asset
 
@@ -77,7 +78,7 @@ def describe_opened(path: Path, asset: Asset) -> Iterator[str]:
 
 
 def as_asset(asset: Asset | str | os.PathLike[str]) -> Asset:
-    """Return `asset`, or open it if it is a path."""
+    """Return `asset` itself, or open the asset at this path."""
     if isinstance(asset, PATH_TYPES):
         return open(asset)
     check_type("asset", asset, Asset, AN_ASSET)
@@ -86,12 +87,14 @@ def as_asset(asset: Asset | str | os.PathLike[str]) -> Asset:
 
 @dataclass(frozen=True, eq=False)
 class StoredMesh:
-    """A mesh exactly as its file stores it, in the same precision. Its values are not checked.
+    """A mesh exactly as its file stores it, in the precision of the file.
+
+    The values of the mesh are not checked.
 
     Attributes
     ----------
     path : Path or None
-        None if the mesh did not come from a file.
+        None for a mesh that is not from a file.
     buffers : mapping of str to ndarray
         Arrays with the names of an asset: `positions` (V, 3) floats, `indices` (F, 3) integers, and all other
         arrays of the file.
@@ -104,7 +107,7 @@ class StoredMesh:
     warnings : tuple of Finding
         Warnings of the reader, such as ignored parts of a mesh file.
     sampler : Sampler or None
-        How textures are sampled; None without textures, or if they were not read.
+        How textures are sampled; None if textures are missing or were not read.
     """
 
     path: Path | None
@@ -127,7 +130,7 @@ class StoredMesh:
 
     @property
     def attributes(self) -> Attributes:
-        """The attributes whose seams can duplicate vertices."""
+        """Attributes that differ at seams, where files duplicate vertices."""
         from msb.topology.seams import seam_attributes
 
         # In a trained triangle soup, corners coincide only by chance.
@@ -138,8 +141,8 @@ class StoredMesh:
 def read_stored(path: str | os.PathLike[str], *, images: bool = False) -> StoredMesh:
     """Read the mesh of any file that `open` accepts, exactly as it is stored.
 
-    This includes faces that an STE threshold hides, and coordinates that are NaN. With `images`, the textures
-    of a mesh file are read as well. The textures of an asset are always read.
+    The mesh includes faces that an STE threshold hides, and coordinates that are NaN. With `images`, the
+    textures of a mesh file are read as well. The textures of an asset are always read.
     """
     from msb.adapters.exporter import read_model
     from msb.adapters.locate import is_mesh_file
@@ -167,7 +170,7 @@ def _store(mesh: Mesh, path: Path | None) -> StoredMesh:
     from msb.meshes.mesh import report_left_out
     from msb.meshes.writing import check_indices
 
-    if mesh.wrong_face is not None:  # report an invalid index here, because only the reader knows its line
+    if mesh.wrong_face is not None:  # Only the reader knows the line of an invalid index.
         with about(path):
             check_indices(mesh)
     # Vertex colours take precedence over face colours.
@@ -192,9 +195,9 @@ def _store(mesh: Mesh, path: Path | None) -> StoredMesh:
 def stored_object(given: object) -> StoredMesh:
     """Return the mesh of an object with arrays: a `Mesh`, a pair, or an object of another library.
 
-    A pair is a tuple or list (vertices, faces). An object of another library must have the attributes
-    `vertices` and `faces` (trimesh), or be a PolyData of pyvista. The polygons of a PolyData are split by its
-    method `triangulate`.
+    A pair is a tuple or list (vertices, faces). An object of another library can be a PolyData of pyvista.
+    Any other object needs the attributes `vertices` and `faces`, as in trimesh. The method `triangulate` of a
+    PolyData splits its polygons.
 
     Raises
     ------
@@ -210,7 +213,7 @@ def stored_object(given: object) -> StoredMesh:
     if isinstance(given, tuple | list) and len(given) == 2:
         vertices, faces = given
     elif all(hasattr(given, name) for name in ("points", "regular_faces", "triangulate")):
-        data: Any = given  # a PolyData; its `faces` are a flat list of polygons
+        data: Any = given  # the object is a PolyData, whose `faces` are a flat list of polygons
         triangles = data if data.is_all_triangles else data.triangulate()
         vertices, faces = triangles.points, triangles.faces.reshape(-1, 4)[:, 1:]
     elif hasattr(given, "vertices") and hasattr(given, "faces"):

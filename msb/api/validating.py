@@ -1,4 +1,4 @@
-"""The function `msb.validate`, which reports everything that is wrong with a file."""
+"""The function `msb.validate` reports all errors of a file."""
 
 import os
 from collections.abc import Iterator
@@ -20,21 +20,21 @@ def validate(path: str | os.PathLike[str]) -> Validation:
     Parameters
     ----------
     path : str or Path
-        An asset, a mesh file or a checkpoint. The latter two are converted to an asset in memory, which is
-        checked.
+        An asset, a mesh file or a checkpoint. A mesh file or checkpoint is converted to an asset in memory,
+        and this asset is checked.
 
     Returns
     -------
     Validation
-        `valid` and `findings`, errors first. `print` shows it as a readable list. `msb validate --explain
-        CODE` gives the remedy for a code.
+        The attributes are `valid` and `findings`; errors come first. `print` shows the result as a readable
+        list. `msb validate --explain CODE` gives the remedy for a code.
 
     Raises
     ------
     InputError
         The file does not exist, cannot be read or is not recognised.
     Unsupported
-        It is a checkpoint of a method that cannot be converted.
+        The path is a checkpoint of a method that cannot be converted.
 
     Examples
     --------
@@ -47,7 +47,7 @@ def validate(path: str | os.PathLike[str]) -> Validation:
     if not is_asset(place):
         return _check_other(place)
     result = validate_asset(place)
-    # Errors first, because there can be thousands of warnings.
+    # Errors come first, because a file can have thousands of warnings.
     findings = sorted(result.findings, key=lambda item: _SEVERITIES.index(item.severity))
     if result.asset is not None and result.valid:
         findings += _degenerate(result.asset.buffers["positions"], result.asset.buffers["indices"])
@@ -83,7 +83,7 @@ def _degenerate(positions: Any, indices: Any) -> Iterator[Finding]:
     unused[faces[~repeated]] = False
     for code, where, what in (
         ("TRIASSET_FACE_REPEATED_INDEX", repeated, "faces list a vertex twice"),
-        ("TRIASSET_FACE_DUPLICATE", find_duplicate_faces(faces), "faces repeat an earlier one"),
+        ("TRIASSET_FACE_DUPLICATE", find_duplicate_faces(faces), "faces repeat an earlier face"),
         ("TRIASSET_FACE_ZERO_AREA", has_no_area(area, finite, repeated), "faces have no area"),
         ("TRIASSET_VERTEX_UNREFERENCED", unused, "vertices are not used by a valid face"),
     ):

@@ -1,6 +1,6 @@
 """The `.triasset` format: manifest, buffers, reader, writer and validation.
 
-The package needs NumPy and the standard library only. docs/triasset.md describes the format itself.
+This package needs only NumPy and the standard library. docs/triasset.md describes the format.
 """
 
 from msb.asset.asset import Asset

@@ -1,6 +1,7 @@
-"""Activation functions of stored parameters, for renderers, STE faces and official exports.
+"""Activation functions of stored parameters.
 
-The reference renderers have a separate implementation. Tests compare the two.
+Renderers, face selection by STE threshold, and official exports use these functions. The reference renderers
+implement the activation functions separately. Tests compare these functions with the reference renderers.
 """
 
 import numpy as np
@@ -10,10 +11,11 @@ from msb.asset.asset import Asset
 
 
 def sigmoid(logits: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return 1 / (1 + exp(-x)); each step is rounded to float32, as in torch.
+    """Return 1 / (1 + exp(-x)). Each operation is rounded to float32, as in torch.
 
-    For some logits, computing in float64 and rounding once gives a different float32. If an STE threshold lay
-    between the two values, different faces would be hidden. Infinite logits give 0 and 1.
+    For some logits, a single rounding of a float64 result gives a different float32 value. If an STE
+    threshold lay between the two values, different faces would be hidden. Infinite logits give the opacities
+    0 and 1.
     """
     with np.errstate(over="ignore"):
         return np.asarray(1 / (1 + exponential(-np.asarray(logits, np.float32))))

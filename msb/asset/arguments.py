@@ -11,13 +11,13 @@ A_CAMERA = "an msb.Camera"
 
 
 def check_type(name: str, value: object, kind: type, wanted: str) -> None:
-    """Check that an argument is of type `kind`; `wanted` describes the type in the message."""
+    """Check that an argument is of type `kind`. The text `wanted` describes the type in the message."""
     if not isinstance(value, kind):
         raise UsageError("USAGE", f"{name} is of type {type(value).__name__}; it must be {wanted}")
 
 
 def checked_number(name: str, value: object, *, whole: bool = False) -> float:
-    """Return a number of Python or NumPy as a Python number. It must be 0 or more."""
+    """Return a number of Python or NumPy as a Python number. The number must be 0 or more."""
     kind = Integral if whole else Real
     if isinstance(value, kind) and not isinstance(value, bool | np.bool_):
         number = int(value) if isinstance(value, Integral) else float(value)

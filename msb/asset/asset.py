@@ -1,6 +1,7 @@
 """The class `Asset`: a manifest and its buffers.
 
-Its methods call functions of `msb`, which other packages implement. They import `msb` when they are called.
+The methods of `Asset` call functions of `msb` that other packages implement. These methods import `msb`
+when they are called.
 """
 
 from __future__ import annotations
@@ -27,32 +28,32 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Asset:
-    """A manifest and its buffers.
+    """An asset: a manifest and its buffers.
 
     Attributes
     ----------
     manifest : Manifest
-        The manifest's keys as attributes.
+        The keys of the manifest as attributes.
     buffers : mapping of str to ndarray
-        Read-only arrays of the declared shape and dtype. In a loaded asset they are views of the
+        Read-only arrays of the declared shape and dtype. In a loaded asset, buffers are views of the
         memory-mapped file.
     path : Path or None
         The `.triasset` of the buffers; None if the asset was built in memory.
     warnings : tuple of Finding
         Problems that `load` reported as warnings.
     opened_from : Path or None
-        The `.triasset`, checkpoint or mesh file that was opened. The cameras of the training are searched for
-        in the same folder. The manifest does not contain it.
+        The `.triasset`, checkpoint or mesh file that was opened. The training cameras are searched for in
+        the folder of this file. The manifest does not contain this path.
 
     Notes
     -----
-    `load` does not read the values, so check them before computing with them. The mapping exists as long as
-    an array refers to it. If another program truncates the file, access to the lost pages ends the process,
-    as with any memory mapping.
+    `load` does not read the values. Check the values before computing with them. The memory mapping exists as
+    long as an array refers to it. If another program truncates the file, reading the missing part ends the
+    process, as for any memory mapping.
 
     `copy.copy` shares the arrays and the mapping. `copy.deepcopy` and `pickle` copy the values, so that the
     copy does not need the file. To pass an asset to another process on the same machine, send its path.
-    `path` stays the same in a copy.
+    A copy keeps the value of `path`.
 
     Examples
     --------
@@ -74,27 +75,28 @@ class Asset:
 
     @property
     def vertices(self) -> NDArray[np.float64]:
-        """The coordinates (V, 3) in the scene, a new array: the buffer `positions` plus the `origin`.
+        """The coordinates (V, 3) in the scene as a new array: the buffer `positions` plus the `origin`.
 
-        The buffer is float32. The origin in the manifest is (0, 0, 0), unless the mesh is far away from zero
-        for its size (docs/triasset.md).
+        The buffer is float32. The origin in the manifest is (0, 0, 0), unless the mesh is very far from
+        zero relative to its size (docs/triasset.md).
         """
         return to_world(self.buffers["positions"].astype(np.float64), self.manifest.origin)
 
     @property
     def faces(self) -> NDArray[np.int64]:
-        """The 0-based vertex numbers (F, 3) of all stored faces, a new array."""
+        """The 0-based vertex numbers (F, 3) of all stored faces as a new array."""
         return self.buffers["indices"].astype(np.int64)
 
     @property
     def colors(self) -> NDArray[np.float32] | None:
-        """The static colours of the standard tier, a new array in [0, 1], sRGB; None without such colours.
+        """The static sRGB colours of the standard tier (opaque rendering) in [0, 1] as a new array, or None.
 
         The shape is (V, 3) or (V, 4) if the model stores colours by vertex, (F, 3) or (F, 4) by face, and
         (3F, 3) or (3F, 4) by face corner. ``asset.manifest.buffers["color"].domain`` states the domain. For a
-        model with spherical harmonics, the coefficients of degree 0 give the colour, and their buffer is
-        ``"f_dc"``. A fourth channel is alpha, which is not drawn. Textures are not included. They are the
-        buffers ``texture.0``, ``texture.1`` and so on. Renderers multiply them with these colours.
+        model with spherical harmonics, the colour comes from the coefficients of degree 0 in the buffer
+        ``"f_dc"``. A fourth channel is alpha, which renderers ignore. The result does not include textures.
+        Textures are the buffers ``texture.0``, ``texture.1`` and so on. Renderers multiply textures by these
+        colours.
         """
         from msb.asset.look import tint_of
 
@@ -105,37 +107,40 @@ class Asset:
         return found.values.astype(np.float32) / scale
 
     def audit(self, **options: Any) -> msb.Audit:
-        """Audit the mesh exactly as it is stored. See `msb.audit` for the options."""
+        """Audit the mesh exactly as it is stored. The options are the options of `msb.audit`."""
         import msb
 
         return msb.audit(self, **options)
 
     def repair(self, plan: Sequence[str] | str | None = None, **options: Any) -> msb.Repaired:
-        """Return a repaired copy and a report. See `msb.repair` for plan and options."""
+        """Return a repaired copy and a report. `msb.repair` describes plan and options."""
         import msb
 
         return msb.repair(self, plan, **options)
 
     def bake(self, **options: Any) -> msb.Baked:
-        """Return an ordinary mesh that looks like the model, and its quality. See `msb.bake`."""
+        """Return an opaque mesh that looks like the model, with a report of its quality. See `msb.bake`."""
         import msb
 
         return msb.bake(self, **options)
 
     def render(self, camera: msb.Camera, tier: Tier = "standard", **options: Any) -> msb.Frame:
-        """Render an image from one camera. See `msb.render` for tiers and options."""
+        """Render an image from one camera. `msb.render` describes tiers and options."""
         import msb
 
         return msb.render(self, camera, tier, **options)
 
     def save(self, path: str | os.PathLike[str], **options: Any) -> None:
-        """Write the asset in the format of the suffix of `path`. See `msb.save` for the options."""
+        """Write the asset in the format of the suffix of `path`.
+
+        The options are the options of `msb.save`.
+        """
         import msb
 
         msb.save(self, path, **options)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # A mappingproxy cannot be pickled or copied, and unpickled arrays are writable.
+        # A mappingproxy cannot be pickled or copied, and unpickled arrays are always writable.
         return _restored, (self.manifest, dict(self.buffers), self.path, self.warnings, self.opened_from)
 
     def __repr__(self) -> str:
@@ -144,7 +149,7 @@ class Asset:
         return one_line(f"<Asset {name}: {', '.join([*words, *facts.values()])}>")
 
     def _repr_html_(self) -> str:
-        """Return an HTML table, which notebooks display."""
+        """Return an HTML table that notebooks display."""
         facts = {"Method": lookup(self.manifest.method).title, **self._facts()}
         rows = (f"<tr><th>{name}</th><td>{escape(one_line(text))}</td></tr>" for name, text in facts.items())
         return f"<table>{''.join(rows)}</table>"
@@ -162,7 +167,7 @@ class Asset:
 
 
 def _restored(manifest: Manifest, buffers: dict[str, NDArray[Any]], *others: Any) -> Asset:
-    """Return an asset with these attributes. Its buffers are read-only."""
+    """Return an asset with these attributes. The buffers of the asset are read-only."""
     views = {name: array.view() for name, array in buffers.items()}
     for view in views.values():
         view.flags.writeable = False

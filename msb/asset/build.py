@@ -40,22 +40,23 @@ from msb.base.version import __version__
 from msb.errors import AssetError
 from msb.registry import TIERS
 
-# Number of rows of a buffer that are processed at a time. Chunks bound the memory and cost no time.
+# Number of rows of a buffer that are processed at a time. Chunks limit the memory without costing time.
 CHUNK_ROWS = 1 << 20
 
 # Number of bytes that are hashed or written at a time.
 CHUNK_BYTES = 1 << 24
 
-# The order of buffers in the manifest. Others follow by name.
+# The order of standard buffers in the manifest. Other buffers follow by name.
 _ORDER = ("positions", "indices", "color", "f_dc", "f_rest", "opacity", "sigma")
 _DTYPE_NAMES = {dtype: name for name, dtype in DTYPES.items()}
 
 
 @dataclass(frozen=True)
 class Description:
-    """The keys of `Manifest` that do not follow from the arrays. An adapter sets them.
+    """The part of `Manifest` that cannot be computed from the arrays.
 
-    The defaults describe a mesh with static colours.
+    An adapter, which reads the files of a method, sets these keys. The defaults describe a mesh with static
+    colours.
     """
 
     method: str = "mesh"
@@ -75,7 +76,7 @@ class Description:
 
     @classmethod
     def of(cls, manifest: Manifest) -> Description:
-        """Return the description of an asset that was built before."""
+        """Return the description of an existing asset."""
         names = (known.name for known in fields(cls) if known.name != "frame")
         return cls(**{name: getattr(manifest, name) for name in names}, frame=frame_of(manifest))
 
@@ -92,8 +93,8 @@ def build_asset(
     Parameters
     ----------
     buffers : mapping of str to ndarray
-        `positions` (V, 3) float32 relative to the origin of `description`, `indices` (F, 3) uint32; others
-        are float32, uint32 or uint8. Contiguous little-endian arrays are not copied.
+        `positions` (V, 3) float32 relative to the origin of `description`, `indices` (F, 3) uint32; other
+        buffers are float32, uint32 or uint8. Contiguous little-endian arrays are not copied.
     domains : mapping of str to str
         The domains of all buffers except `positions` and `indices`.
     description : Description, optional
@@ -104,7 +105,7 @@ def build_asset(
     Raises
     ------
     AssetError
-        The first error of the buffers or the manifest.
+        The first error in the buffers or the manifest.
     """
     description = description or Description()
     # Convert and sort the arrays, and check the mesh.
@@ -124,7 +125,7 @@ def build_asset(
         text = f"vertex {at[0]} is {positions[at[0]].tolist()}; coordinates must be finite"
         raise AssetError("TRIASSET_VALUE_NONFINITE", text, pointer=f"positions[{at[0]}]")
     check_indices(indices, len(positions))
-    # Derive the other keys of the manifest.
+    # Compute the other keys of the manifest.
     bounds, sphere = measure_bounds(positions)
     textured = description.appearance.get("kind") == KIND
     is_splat, is_extended = description.primitive == "gaussian", textured or any(description.origin)
@@ -150,10 +151,12 @@ def build_asset(
 def measure_bounds(positions: NDArray[np.float32]) -> tuple[Bounds, BoundingSphere]:
     """Return the bounding box and a bounding sphere of the finite rows of `positions` (V, 3).
 
-    At least one row must be finite. The sphere has the centre of the box, and at most sqrt(3) times the
-    radius of the smallest sphere. It does not depend on the order of the points. O(V) time, O(1) memory.
+    At least one row must be finite. The sphere has the centre of the bounding box. The radius of the sphere
+    is at most sqrt(3) times the radius of the smallest sphere. The result does not depend on the order of the
+    points. The function takes O(V) time and O(1) memory.
     """
-    # First pass: the box. Second pass: the largest distance of a vertex from the centre of the box.
+    # First pass: compute the bounding box. Second pass: compute the largest distance of a vertex from the
+    # centre of the box.
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for rows in _finite_chunks(positions):
         low = np.minimum(low, _columnwise(np.minimum, rows))
@@ -176,7 +179,7 @@ def _finite_chunks(positions: NDArray[np.float32]) -> Iterator[NDArray[np.float3
     for start in range(0, len(positions), CHUNK_ROWS):
         rows = positions[start : start + CHUNK_ROWS]
         finite = np.isfinite(rows)
-        if not finite.all():  # rows are tested only in this rare case, because that takes ten times as long
+        if not finite.all():  # Selecting rows is slow, but rarely needed.
             rows = rows[finite.all(axis=1)]
         if len(rows):
             yield rows
@@ -192,7 +195,7 @@ def _columnwise(ufunc: np.ufunc, rows: NDArray[np.float32]) -> NDArray[np.float6
 
 
 def _triple(vector: NDArray[np.float64]) -> tuple[float, float, float]:
-    x, y, z = (float(value) + 0.0 for value in vector)  # adding 0.0 turns -0.0 into 0.0
+    x, y, z = (float(value) + 0.0 for value in vector)  # Adding 0.0 converts -0.0 to 0.0.
     return x, y, z
 
 
@@ -208,13 +211,16 @@ def _to_canonical(name: str, array: NDArray[Any]) -> NDArray[Any]:
 
 
 def _topology(positions: NDArray[np.float32], indices: NDArray[np.uint32]) -> Topology:
-    """Return "triangle_soup" if the indices are 0, 1, 2, ..., 3 F - 1 and these are all vertices."""
+    """Return "triangle_soup" if the indices are 0, 1, 2, ..., 3 F - 1 and use all vertices."""
     is_soup = len(positions) == 3 * len(indices) and first_shared(indices) is None
     return "triangle_soup" if is_soup else "indexed_mesh"
 
 
 def first_shared(indices: NDArray[np.uint32]) -> int | None:
-    """Return the first corner i (0 to 3 F - 1) whose vertex index is not i, or None for a soup."""
+    """Return the first corner i (0 to 3 F - 1) whose vertex index is not i.
+
+    Return None for a triangle soup.
+    """
     for start in range(0, len(indices), CHUNK_ROWS):
         rows = indices[start : start + CHUNK_ROWS].ravel()
         wrong = rows != np.arange(3 * start, 3 * start + rows.size, dtype=np.uint64)
@@ -224,7 +230,7 @@ def first_shared(indices: NDArray[np.uint32]) -> int | None:
 
 
 def _spec(name: str, array: NDArray[Any], domain: Any, meter: Meter) -> BufferSpec:
-    """Return the declaration of a buffer, with its hash, in a file of the same name."""
+    """Return the declaration of a buffer with its hash. The buffer file is named after the buffer."""
     digest, data = hashlib.sha256(), as_bytes(array)
     for start in range(0, len(data), CHUNK_BYTES):
         digest.update(data[start : start + CHUNK_BYTES])

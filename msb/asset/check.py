@@ -1,4 +1,4 @@
-"""Check a manifest: first against the schema, then the relations between its keys.
+"""Check a manifest first against the schema, then the relations between its keys.
 
 This module does not read buffers. `validation.check_values` does.
 """
@@ -15,16 +15,16 @@ from msb.registry import METHODS
 
 Json = dict[str, Any]
 
-# Names of devices on Windows, with any suffix.
+# Device names that Windows reserves, with any suffix.
 _RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{i}" for port in ("com", "lpt") for i in range(10))}
 
-# Highest SH degree of triangles. Gaussians can have 4.
+# Maximum SH degree of triangles. The SH degree of Gaussians can be 4.
 MAX_TRIANGLE_DEGREE = 3
-# Orders of the columns of f_rest. In the first order, coefficient k = 1..K of channel c = 0..2 is in column 3
-# (k - 1) + c. In the second order, it is in column c K + k - 1.
+# The orders of the columns of f_rest. In the first order, coefficient k = 1..K of channel c = 0..2 is in
+# column 3 (k - 1) + c. In the second order, coefficient k of channel c is in column c K + k - 1.
 F_REST_ORDERS = ("coefficient_major", "channel_major")
-# For each standard buffer: its possible dtypes, lengths of the second axis (None if it has one axis), and
-# domains.
+# For each standard buffer: its possible dtypes, lengths of the second axis, and domains. The length None
+# means an array with a single axis.
 _STANDARD: dict[str, tuple[tuple[str, ...], tuple[int, ...] | None, tuple[str, ...]]] = {
     "positions": (("float32",), (3,), ("vertex",)),
     "indices": (("uint32",), (3,), ("face",)),
@@ -44,7 +44,7 @@ _STANDARD: dict[str, tuple[tuple[str, ...], tuple[int, ...] | None, tuple[str, .
 def check_manifest(data: Any) -> list[Finding]:
     """Return all findings about the parsed manifest `data`.
 
-    A wrong format or major version ends the check, because other keys can then have another meaning.
+    A wrong format or major version ends the check, because other keys may then have another meaning.
     """
     if not isinstance(data, dict):
         text = f"the manifest is {describe(data)}; it must be an object"
@@ -68,7 +68,7 @@ def check_manifest(data: Any) -> list[Finding]:
 
 
 def raise_first_error(findings: list[Finding], file: object) -> None:
-    """Raise the first finding that is an error; `file` is the file of the manifest."""
+    """Raise the first finding that is an error. The error names `file`, the file of the manifest."""
     for item in findings:
         if item.severity == "error":
             raise item.to_error(file)
@@ -104,14 +104,14 @@ def _version(data: Json) -> tuple[int, int]:
 
 
 def _check_minor(data: Json, what: str, needed: str) -> Iterator[Finding]:
-    """Yield a finding if the version of a manifest with `what` is older than the `needed` one."""
+    """Yield a finding if the manifest uses the feature `what`, but is older than the version `needed`."""
     if _version(data) < _version({"version": needed}):
         text = f"version is {data['version']}; {what} need {needed}"
         yield finding("TRIASSET_FIELD", text, pointer="/version", value=data["version"], limit=needed)
 
 
 def _check_primitive(data: Json) -> Iterator[Finding]:
-    """Yield findings about the primitive and the SH degree that it allows."""
+    """Yield findings about the primitive, and about the SH degree that it allows."""
     is_splat, degree = data.get("primitive") == "gaussian", data["sh_degree"]
     if is_splat:
         yield from _check_minor(data, "Gaussians", VERSION)
@@ -140,10 +140,10 @@ def _check_bounds(data: Json) -> Iterator[Finding]:
 
 
 def _check_method(data: Json) -> Iterator[Finding]:
-    """Yield findings about the method and its coverage kernel, if the method is installed."""
+    """If the method is installed, yield findings about the method and its coverage kernel."""
     name, kernel = data["method"], data["coverage"]["kernel"]
     if name not in METHODS:
-        text = f"the method {name} is not installed: only the standard tier can draw the asset; "
+        text = f"the method {name} is not installed, so only the standard tier can draw the asset; "
         text += f"installed: {', '.join(METHODS)}"
         yield finding(
             "TRIASSET_METHOD_NOT_INSTALLED", text, severity="warning", pointer="/method", value=name
@@ -170,7 +170,7 @@ def _check_settings(data: Json) -> Iterator[Finding]:
         problem = known[name].problem(value)
         limit = None
         if problem is None and name == "sh_degree" and value > degree:
-            problem, limit = f"must be at most {degree}, the degree of the asset", degree
+            problem, limit = f"must be at most {degree}, the SH degree of the asset", degree
         if problem:
             text = f"setting {name} is {describe(value)}; it {problem}"
             where: dict[str, Any] = {"pointer": f"{pointer}/value", "value": value, "limit": limit}
@@ -194,7 +194,7 @@ def _check_buffer(name: str, spec: Json, data: Json) -> Iterator[Finding]:
     if name in _STANDARD:
         yield from _check_standard(name, spec)
     shape = spec["shape"]
-    size = math.prod(shape) * DTYPES[spec["dtype"]].itemsize  # Python integers cannot overflow
+    size = math.prod(shape) * DTYPES[spec["dtype"]].itemsize  # Python integers do not overflow.
     at = f"{pointer}/byte_length"
     if size != length:
         text = f"buffer {name} has {size} bytes (shape {shape}, {spec['dtype']}); byte_length is {length}"
@@ -221,7 +221,7 @@ def _check_standard(name: str, spec: Json) -> Iterator[Finding]:
     if domain not in domains:
         text = f"buffer {name} has domain {domain}; it must be {' or '.join(domains)}"
         yield finding("TRIASSET_BUFFER", text, pointer=f"{pointer}/domain", value=domain)
-    # The width of f_rest depends on sh_degree, and is checked in `_check_required_buffers`.
+    # The width of f_rest depends on sh_degree. `_check_required_buffers` checks this width.
     fits = len(shape) == 1 if widths is None else len(shape) == 2 and shape[1] in widths
     if not fits and name != "f_rest":
         wanted = "n" if widths is None else " or ".join(f"n x {width}" for width in widths)
@@ -257,7 +257,8 @@ def _check_required_buffers(data: Json) -> Iterator[Finding]:
 
 
 def _check_textures(data: Json) -> Iterator[Finding]:
-    """Yield findings about textures, their sampler, and the buffers and passes that belong to them."""
+    """Yield findings about textures, about their sampler, and about the buffers and passes that textures
+    need."""
     appearance, buffers = data["appearance"], data["buffers"]
     names = [name for name in buffers if name.partition(".")[0] == "texture"]
     passes = data["required_passes"].get("standard", [])
@@ -311,11 +312,11 @@ def _check_texture(name: str, spec: Json) -> Iterator[Finding]:
 
 
 def _check_layout(buffers: dict[str, Json]) -> Iterator[Finding]:
-    """Yield findings about the places of the buffers in their files.
+    """Yield findings about the positions of the buffers in their files.
 
-    The buffers in a file must fill it from byte 0, aligned and without gaps.
+    The buffers in a file must fill the file from byte 0, aligned and without gaps.
     """
-    # For each file, (offset, length, name) of its buffers.
+    # Collect (offset, length, name) of the buffers of each file.
     files: dict[str, list[tuple[int, int, str]]] = {}
     for name, spec in buffers.items():
         files.setdefault(spec["file"], []).append((spec["offset"], spec["byte_length"], name))

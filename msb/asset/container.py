@@ -1,7 +1,8 @@
-"""The two forms of an asset, packed and folder, with a common interface: names, sizes and mapped bytes.
+"""An asset in packed form or in folder form, with a common interface for file names, sizes and mapped bytes.
 
-The packed form is a ZIP of stored members that is mapped as a whole. Each member starts on a 64-byte
-boundary. It is the strict subset of ZIP that docs/triasset.md describes and `msb.asset.strict_zip` reads.
+The packed form is a ZIP of stored (uncompressed) members, which is mapped as a whole. Each member starts on
+a 64-byte boundary. The archive is the strict subset of ZIP that docs/triasset.md describes and
+`msb.asset.strict_zip` reads.
 """
 
 import itertools
@@ -30,12 +31,12 @@ from msb.base.files import (
 from msb.base.paths import given_path
 from msb.errors import AssetError, Finding, InputError, finding, shorten
 
-# Number of bytes that are read at a time for a CRC-32.
+# Number of bytes that are read at a time to compute a CRC-32.
 _CRC_CHUNK = 1 << 24
-# Maximum number of entries of a folder that are listed.
+# Maximum number of folder entries that are listed.
 _MAX_LISTED = 1000
-# Maximum length of an extra field in bytes. Padding to 64 bytes and a ZIP64 record need less. A longer field
-# could hide data.
+# Maximum length of an extra field in bytes. Padding to 64 bytes and a ZIP64 record need fewer bytes. A
+# longer extra field could hide data.
 _MAX_EXTRA = 128
 _DOS_FOLDER = 0x10
 _BUFFER_FILE = re.compile(r"buffers/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}\.bin\Z")
@@ -44,7 +45,7 @@ _BUFFER_FILE = re.compile(r"buffers/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}\.bin\Z")
 class _Packed(Policy):
     """The rules for the archive of a packed asset. Errors name `file`."""
 
-    # manifest.json, and the 64 buffers that a manifest can declare.
+    # The members are manifest.json and up to 64 buffers, which a manifest can declare.
     max_members = 65
 
     def __init__(self, file: object) -> None:
@@ -66,7 +67,7 @@ class _Packed(Policy):
         return name.casefold()
 
     def check_entry(self, name: str, extra: int, attributes: int, at: int) -> None:
-        """Reject members that an unpacking program could turn into a link, folder or device."""
+        """Reject members that an unpacking program could turn into a link, a folder or a device."""
         if extra > _MAX_EXTRA:
             self.refuse("DAMAGED", f"{name} has {extra} bytes of extra data", at)
         kind = stat.S_IFMT(attributes >> 16)
@@ -85,7 +86,7 @@ class _Packed(Policy):
 
 
 class PackedContainer:
-    """An asset in a single file. The docstrings of its methods apply to both forms."""
+    """An asset in a single file. The method docstrings also apply to `FolderContainer`."""
 
     def __init__(self, path: Path, data: mmap.mmap | bytes) -> None:
         self.path = path
@@ -96,7 +97,7 @@ class PackedContainer:
         if name in self._members:
             return self._members[name]
         code = "TRIASSET_MANIFEST_MISSING" if name == MANIFEST_NAME else "TRIASSET_DAMAGED"
-        raise AssetError(code, f"{name} is missing in it", file=self.path, pointer=name)
+        raise AssetError(code, f"it has no file {name}", file=self.path, pointer=name)
 
     def manifest_bytes(self) -> bytes:
         """Return the bytes of manifest.json, at most one byte more than the size limit."""
@@ -109,7 +110,7 @@ class PackedContainer:
         return self._member(file).size
 
     def map(self, file: str) -> tuple[memoryview, int]:
-        """Return mapped bytes that contain `file`, and its offset in them."""
+        """Return mapped bytes that contain `file`, and the offset of `file` in these bytes."""
         return self._view, self._member(file).offset
 
     def undeclared(self, declared: set[str]) -> list[Finding]:
@@ -123,7 +124,7 @@ class PackedContainer:
         ]
 
     def check_bytes(self) -> list[Finding]:
-        """Return findings about the checksums of the ZIP. This reads the whole asset."""
+        """Return findings about the checksums of the ZIP. This check reads the whole asset."""
         findings = []
         for member in self._members.values():
             crc = 0
@@ -166,13 +167,13 @@ class FolderContainer:
     def undeclared(self, declared: set[str]) -> list[Finding]:
         """Return a warning for each undeclared file.
 
-        This is not an error, because file managers add files of their own.
+        An undeclared file is not an error, because file managers add files.
         """
         names: list[str] = []
         findings: list[Finding] = []
         for folder, prefix in ((self.path, ""), (self.path / "buffers", "buffers/")):
             if prefix and not stat.S_ISDIR(_mode(folder)):
-                continue  # missing or a link, which is reported elsewhere
+                continue  # Another check reports a missing folder or a link.
             try:
                 with os.scandir(folder) as entries:
                     names += [prefix + entry.name for entry in itertools.islice(entries, _MAX_LISTED)]
@@ -206,11 +207,11 @@ class FolderContainer:
 
 
 def _map_member(path: Path, member: str, *, asset: object) -> tuple[mmap.mmap | bytes, os.stat_result]:
-    """Map the file at `path` read-only; it is the member `member` of `asset`.
+    """Map the file at `path` read-only. The file is the member `member` of `asset`.
 
     Return the mapping and the file's status.
 
-    Links, pipes, devices and folders are rejected before they are opened, and again after opening.
+    Links, pipes, devices and folders are rejected before opening, and again after opening.
     """
     try:
         _reject_special(path.lstat(), asset, member)
@@ -227,7 +228,7 @@ def _map_member(path: Path, member: str, *, asset: object) -> tuple[mmap.mmap | 
     except (OSError, ValueError) as error:
         if is_missing(error):
             code = "TRIASSET_MANIFEST_MISSING" if member == MANIFEST_NAME else "TRIASSET_DAMAGED"
-            raise AssetError(code, f"{member} is missing in it", file=asset, pointer=member) from error
+            raise AssetError(code, f"it has no file {member}", file=asset, pointer=member) from error
         text = f"{member} cannot be read: {system_reason(error)}"
         raise AssetError("TRIASSET_FILE_UNREADABLE", text, file=asset, pointer=member) from error
 
@@ -235,7 +236,7 @@ def _map_member(path: Path, member: str, *, asset: object) -> tuple[mmap.mmap | 
 def _open_member(path: Path, member: str) -> int:
     """Return a descriptor of `path`.
 
-    Links are never followed, not even a link that another program creates at this moment.
+    Links are never followed, even if another program creates a link during this call.
     """
     flags = READ_ONLY | getattr(os, "O_NOFOLLOW", 0)
     if "/" not in member or os.open not in os.supports_dir_fd:
@@ -257,7 +258,7 @@ def _reject_special(status: os.stat_result, asset: object, member: str) -> None:
 
 
 def _mode(path: Path) -> int:
-    """Return the file mode of `path`, without following links; 0 if it is not accessible."""
+    """Return the file mode of `path` without following links, or 0 if the file is not accessible."""
     try:
         return path.lstat().st_mode
     except OSError:
@@ -288,7 +289,7 @@ def open_container(path: str | os.PathLike[str]) -> Container:
     if data[:4] not in (b"PK\x03\x04", b"PK\x05\x06"):
         tail = data[-(22 + 0xFFFF) :]
         if b"PK\x05\x06" in tail:
-            text = "it has data before the first member; a packed asset must start with a member"
+            text = "it has data before its first member; a packed asset must start with a member"
             raise AssetError("TRIASSET_HOSTILE", text, file=path, pointer="byte 0")
         what = "it is empty" if not data else "it is not a packed asset (a ZIP)"
         raise InputError(

@@ -14,9 +14,9 @@ _CHUNK = 1 << 23
 
 
 def check_drawable(asset: Asset, names: Iterable[str] | None = None) -> None:
-    """Check that the values of an asset can be drawn, in one pass over the buffers.
+    """Check in one pass over the buffers that the values of an asset can be drawn.
 
-    `names` are the float buffers to check, by default all.
+    The argument `names` contains the float buffers to check. By default, all float buffers are checked.
 
     Raises
     ------
@@ -28,7 +28,7 @@ def check_drawable(asset: Asset, names: Iterable[str] | None = None) -> None:
         if array is None or array.dtype.kind != "f":
             continue
         if (at := first_bad(array, infinite=name == "opacity")) is not None:
-            text = f"buffer {name} holds {array[at]} in row {at[0]}; renderers need finite values"
+            text = f"buffer {name} contains {array[at]} in row {at[0]}; renderers need finite values"
             raise AssetError("TRIASSET_VALUE_NONFINITE", text, file=asset.path, pointer=f"{name}[{at[0]}]")
     check_indices(asset.buffers["indices"], asset.manifest.vertex_count, asset.path)
 
@@ -36,14 +36,15 @@ def check_drawable(asset: Asset, names: Iterable[str] | None = None) -> None:
 def first_bad(array: NDArray[Any], *, infinite: bool = False) -> tuple[int, ...] | None:
     """Return the index of the first value of `array` (N, ...) that is NaN or infinite, or None.
 
-    `infinite` allows infinite values. The array is read once, in pieces.
+    With `infinite`, infinite values are allowed.
     """
     rows = max(1, _CHUNK // max(1, array[:1].size))
     for start in range(0, len(array) if array.size else 0, rows):
         part = array[start : start + rows]
         with np.errstate(over="ignore", invalid="ignore"):
-            # A fast test: the minimum is NaN if any value is NaN, and the terms of a finite sum are finite.
-            # The sum can also overflow. If it is not finite, the values are tested.
+            # A fast test reduces each chunk to one value. The minimum is NaN if any value is NaN, and a
+            # finite sum has only finite terms. A sum of finite values can also overflow. Therefore single
+            # values are tested if the sum is not finite.
             total = part.min() if infinite else part.sum(dtype=np.float64)
         if np.isnan(total) if infinite else not np.isfinite(total):
             bad = np.isnan(part) if infinite else ~np.isfinite(part)

@@ -1,4 +1,4 @@
-"""Leave out the faces of a model whose values are NaN or infinite."""
+"""Remove the faces of a model whose values are NaN or infinite."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,9 +10,9 @@ from msb.asset.drawable import first_bad
 
 
 def find_bad_rows(array: NDArray[Any], *, infinite: bool = False) -> NDArray[np.bool_] | None:
-    """Return a mask (N,) of the rows of `array` (N, ...) with NaN or infinity; None if there are none.
+    """Return a mask (N,) of the rows of `array` (N, ...) with NaN or infinity.
 
-    `infinite` allows infinite values.
+    Return None if no row has such values. With `infinite`, infinite values are allowed.
     """
     if array.dtype.kind != "f" or first_bad(array, infinite=infinite) is None:
         return None
@@ -24,9 +24,10 @@ def find_bad_rows(array: NDArray[Any], *, infinite: bool = False) -> NDArray[np.
 def find_bad_faces(
     buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str]
 ) -> tuple[NDArray[np.bool_], list[str]]:
-    """Return a mask (F,) of the faces with a value that is not finite, and the names of their buffers.
+    """Return a mask (F,) of the faces with a non-finite value, and the names of the buffers with such values.
 
-    Infinite opacities are valid: they are the logits of 0 and 1. Values that belong to no face are ignored.
+    Infinite opacities are valid, because they are the logits of 0 and 1. Values that belong to no face are
+    ignored.
     """
     faces = buffers["indices"]
     bad, names = np.zeros(len(faces), bool), []
@@ -35,7 +36,7 @@ def find_bad_faces(
         domain = "vertex" if name == "positions" else domains.get(name)
         if rows is None or domain not in ("vertex", "face", "corner"):
             continue
-        # of_face (F, k) holds the marks of each face itself, of its vertices, or of its corners.
+        # `of_face` (F, k) marks faces whose values, vertices or corners are not finite.
         of_face = rows[faces] if domain == "vertex" else rows.reshape(len(faces), -1)
         bad |= of_face.any(axis=1)
         names += [name] if of_face.any() else []
@@ -45,9 +46,10 @@ def find_bad_faces(
 def select_vertices(
     positions: NDArray[Any], faces: NDArray[Any], keep: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Return a mask (V,) of the vertices that remain with the faces `keep` (F,), and their new numbers (V,).
+    """Return a mask (V,) of the vertices that the faces `keep` (F,) use.
 
-    Vertices that are not finite are dropped. Vertices that only dropped faces use are dropped as well.
+    Also return the new numbers (V,) of these vertices. Vertices that are not finite are dropped. Vertices
+    that are used only by dropped faces are dropped as well.
     """
     is_kept = np.isfinite(positions).all(axis=1)
     orphan = np.zeros(len(positions), bool)
@@ -60,7 +62,7 @@ def select_vertices(
 def keep_faces(
     buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str], keep: NDArray[np.bool_]
 ) -> dict[str, NDArray[Any]]:
-    """Return the buffers of a model with only the faces `keep` (F,), in order."""
+    """Return the buffers of a model with only the faces `keep` (F,), in stored order."""
     vertices, numbers = select_vertices(buffers["positions"], buffers["indices"], keep)
     rows = {"vertex": vertices, "face": keep, "corner": np.repeat(keep, 3)}
     own = {**domains, "positions": "vertex", "indices": "face"}

@@ -1,7 +1,7 @@
-"""The frame of a capture: which direction is up, how long its unit is, and where its floor is.
+"""The frame of a captured scene: its up direction, the length of its unit, and the height of its floor.
 
-Positions of an asset stay in the frame of the capture, like its cameras. Writers of mesh files turn, scale
-and lower them (`msb.meshes.placement`).
+Positions of an asset stay in the frame of the capture, like its cameras. Writers of mesh files rotate,
+scale and lower the positions (`msb.meshes.placement`).
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ if TYPE_CHECKING:
     from msb.asset.asset import Asset
 
 Vector = tuple[float, float, float]
-# Sine of the angle below which an up direction counts as an axis: that of rounded axes.
+# An up direction counts as an axis if the sine of the angle between the direction and the axis is below this
+# value. Rounding an axis gives smaller angles.
 _ROUNDED = 1e-6
 
 
 @dataclass(frozen=True)
 class Frame:
-    """What is known about the frame of a capture; None where it is unknown.
+    """Known properties of the frame of a capture. Unknown properties are None.
 
     Attributes
     ----------
@@ -35,7 +36,7 @@ class Frame:
     meters_per_unit : float, optional
         The length of the unit in metres.
     source : str
-        Where the length comes from.
+        The source of this length.
     floor : float, optional
         The height along `up`, in units, that files put at zero.
     """
@@ -56,7 +57,7 @@ def parse_up(text: str) -> Vector:
 
 
 def unit_vector(vector: Sequence[float]) -> Vector:
-    """Return a vector at length 1; USAGE reports one without a direction."""
+    """Return a vector scaled to length 1. A vector without a direction raises USAGE."""
     length = math.hypot(*vector)
     if not 0 < length < math.inf:
         raise UsageError("USAGE", "--up is zero; it must be a vector with a direction")
@@ -64,7 +65,7 @@ def unit_vector(vector: Sequence[float]) -> Vector:
     return x, y, z
 
 
-# Suffix of a length -> metres.
+# For each suffix of a length, the unit in metres.
 _LENGTHS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "km": 1e3, "in": 0.0254, "ft": 0.3048}
 
 
@@ -88,7 +89,7 @@ def make_frame(
     known_distance: Sequence[str] | None = None,
     floor: float | None = None,
 ) -> Frame | None:
-    """Return the frame that a user describes; None if nothing is given.
+    """Return the frame that a user describes, or None for an empty description.
 
     Parameters
     ----------
@@ -115,7 +116,7 @@ def make_frame(
         between = math.dist(*ends)
         if not between > 0:
             raise UsageError("USAGE", "the points of --known-distance are equal; pass two different points")
-        scale, source = parse_length(length) / between, f"{length} between {first} and {second}"
+        scale, source = parse_length(length) / between, f"the length {length} between {first} and {second}"
     elif scale is not None:
         if not 1e-12 <= scale <= 1e12:
             text = f"the scale is {scale:g}; it must be the length of a unit in metres, from 1e-12 to 1e12"
@@ -148,7 +149,7 @@ def is_axis(vector: Vector) -> bool:
 
 
 def frame_of(manifest: Manifest) -> Frame | None:
-    """Return the frame that an asset records; None if it records neither unit, floor nor a direction."""
+    """Return the frame that an asset records, or None if the asset records no unit, floor or direction."""
     unit, up = manifest.unit or {}, manifest.up
     if not unit and up is None and manifest.floor is None:
         return None
@@ -158,9 +159,9 @@ def frame_of(manifest: Manifest) -> Frame | None:
 
 
 def with_frame(asset: Asset, frame: Frame | None) -> Asset:
-    """Return `asset` with the record of a frame. Positions are not changed.
+    """Return `asset` with a frame in its manifest. This function does not change positions.
 
-    The coordinate frame gets the axis nearest to up, for programs that know only axes.
+    The coordinate frame gets the axis nearest to the up direction, for programs that support only axes.
     """
     if frame is None or frame == Frame():
         return asset

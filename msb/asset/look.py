@@ -20,8 +20,8 @@ from msb.asset.texture import Textured, linear_to_srgb, sample, srgb_to_linear, 
 GREY = 0.8
 # Fraction of the light that comes from all directions.
 AMBIENT = 0.35
-# Direction (right, up, front) of the rest of the light. It comes from above, and a little from the front and
-# the right.
+# Direction (right, up, front) of the directional light. The light comes from above, and a little from the
+# front and the right.
 _LIGHT = (0.36, 0.8, 0.48)
 # For each up axis, the indices of the front and right axes in a right-handed frame.
 _AXES = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}
@@ -33,7 +33,7 @@ _AT_ONCE = 1 << 14
 class StaticColors:
     """Colours of the standard tier: values (n, 3 | 4), uint8, or float32 in [0, 1].
 
-    The fourth channel is not drawn.
+    The fourth channel is ignored.
     """
 
     values: NDArray[Any]
@@ -41,10 +41,10 @@ class StaticColors:
 
 
 def static_colors(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str]) -> StaticColors | None:
-    """Return the buffer `color` or, without it, clamp(C0 f_dc + 0.5, 0, 1); None if both are missing.
+    """Return the buffer `color`, or clamp(C0 f_dc + 0.5, 0, 1). Return None if both buffers are missing.
 
-    Colours are clamped before they are interpolated (paper, "Standard deployment"). `domains` maps buffers to
-    their domains.
+    Colours are clamped before they are interpolated (paper, "Standard deployment"). The argument `domains`
+    maps buffers to their domains.
     """
     for name in ("color", "f_dc"):
         if name in buffers:
@@ -54,7 +54,8 @@ def static_colors(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str
 
 
 def colors_of(asset: Asset) -> StaticColors | None:
-    """Return the `static_colors` of an asset. Textures are sampled at the corners of the faces."""
+    """Return the static colours of an asset, including its textures. Textures are sampled at the corners of
+    the faces."""
     textured = textures_of(asset)
     if textured is None:
         return tint_of(asset)
@@ -62,14 +63,15 @@ def colors_of(asset: Asset) -> StaticColors | None:
 
 
 def tint_of(asset: Asset) -> StaticColors | None:
-    """Return the `static_colors` of an asset, without its textures. Renderers multiply the two."""
+    """Return the `static_colors` of an asset, without its textures. Renderers multiply textures by these
+    colours."""
     return static_colors(asset.buffers, {name: spec.domain for name, spec in asset.manifest.buffers.items()})
 
 
 def corner_colors(textured: Textured, tint: StaticColors | None, indices: NDArray[Any]) -> StaticColors:
-    """Return the sRGB colours (3F, 3) float32 of textures at the corners of the faces, times `tint`.
+    """Return the sRGB colours (3F, 3) float32 of textures at the corners of the faces, multiplied by `tint`.
 
-    Programs that cannot draw textures use the result. `indices` are the faces (F, 3).
+    Programs that cannot draw textures use the result. The argument `indices` contains the faces (F, 3).
     """
     # Sample each texture at the corners of its faces, in linear light (3F, 4).
     light = np.zeros((textured.uvs.size // 2, 4), np.float32)
@@ -84,7 +86,7 @@ def corner_colors(textured: Textured, tint: StaticColors | None, indices: NDArra
 
 
 def corner_tint(tint: StaticColors, indices: NDArray[Any]) -> NDArray[np.float32]:
-    """Return colours as linear light and alpha (3F, 4) float32 at the corners of the faces (F, 3)."""
+    """Return the colours at the corners of the faces (F, 3), as linear light and alpha (3F, 4) float32."""
     values = tint.values if tint.values.dtype == np.float32 else tint.values / np.float32(255)
     light = np.ones((len(values), 4), np.float32)
     light[:, : values.shape[1]] = values
@@ -112,9 +114,9 @@ def lit_grey(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[
 def daylight(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[np.float64]:
     """Return the brightness (F,) of faces: a + (1 - a) |n . l|.
 
-    Here n is the normal of a face, l is the direction of the light, and a is the ambient part. Both sides
-    have the same brightness, because the winding can be inconsistent. A face without a normal has the
-    brightness a. `axis`, such as "+y", points up.
+    In this formula, n is the normal of the face, l is the direction of the light, and a is the ambient
+    brightness. Both sides of a face have equal brightness, because the winding can be inconsistent. A face
+    without a normal has the brightness a. The `axis`, such as "+y", points up.
     """
     facing, light = np.zeros(len(faces)), light_toward(axis)
     for here, _, normals in normals_of(vertices, faces):
@@ -128,8 +130,8 @@ def normals_of(
 ) -> Iterator[tuple[slice, NDArray[np.float64], NDArray[np.float64]]]:
     """Yield chunks of faces: their slice, first corners (n, 3), and normals (n, 3).
 
-    The length of a normal is twice the area of its face. A chunk fits into the cache, because writing to new
-    memory takes longer than the arithmetic.
+    The length of a normal is twice the area of its face. Chunks fit into the CPU cache, which is faster than
+    writing all normals to new memory.
     """
     for start in range(0, len(faces), _AT_ONCE):
         here = slice(start, start + _AT_ONCE)
@@ -154,7 +156,10 @@ def up_axis(asset: Asset) -> str:
 
 
 def written_up(asset: Asset) -> str | None:
-    """Return the up axis for files written from `asset`; None for a mesh file that does not state it."""
+    """Return the up axis for files written from `asset`.
+
+    Return None for a mesh file that does not state its up axis.
+    """
     frame, method = asset.manifest.coordinate_frame, asset.manifest.method
     return frame.known_up if method == "mesh" else known_up(frame.up, method)
 
@@ -162,8 +167,8 @@ def written_up(asset: Asset) -> str | None:
 def known_up(stored: str, method: str | None) -> str:
     """Return the up axis `stored`, or a default if `stored` is "unknown".
 
-    The default is +y for a mesh file (method None or "mesh"), as in glTF, and -y for a trained scene, as in
-    COLMAP.
+    The default is +y for a mesh file (method None or "mesh"), as in glTF. The default for a trained scene is
+    -y, as in COLMAP.
     """
     if stored != "unknown":
         return stored
@@ -187,8 +192,8 @@ def visible_faces(asset: Asset, ste_threshold: float | None) -> NDArray[np.bool_
     """Return the mask (F,) of faces with an opacity above the STE threshold (a setting of 2DTS).
 
     The result is None without a threshold, or if the asset has no opacity. Opacity and threshold are compared
-    as float32, as in the official code (GaodeRender/triangle-splatting). The standard tier does not use
-    opacity otherwise. Opacity of another domain raises `TRIASSET_BUFFER`.
+    as float32, as in the official code (GaodeRender/triangle-splatting). The standard tier uses opacity only
+    for this threshold. An opacity buffer that is not per face raises `TRIASSET_BUFFER`.
     """
     if ste_threshold is None or "opacity" not in asset.buffers:
         return None
@@ -197,7 +202,7 @@ def visible_faces(asset: Asset, ste_threshold: float | None) -> NDArray[np.bool_
 
 
 def select_faces(asset: Asset, ste_threshold: float | None) -> NDArray[np.uint32] | None:
-    """Return the sorted indices (n,) of the `visible_faces`; None if all faces are visible."""
+    """Return the sorted indices (n,) of the `visible_faces`, or None if all faces are visible."""
     visible = visible_faces(asset, ste_threshold)
     return None if visible is None or visible.all() else np.flatnonzero(visible).astype(np.uint32)
 

@@ -13,19 +13,19 @@ from msb.base.origin import NO_ORIGIN, Origin
 from msb.registry import TIERS, SettingSource, SettingValue
 
 FORMAT = "triasset"
-# The newest supported version. An asset is written as the oldest version that has what it needs: 1.1 has
-# textures and origins, 1.2 has Gaussians and frames.
+# The newest supported version of the format. An asset is written in the oldest version that has all needed
+# features. Version 1.1 adds textures and origins, and version 1.2 adds Gaussians and frames.
 VERSION = "1.2"
 TEXTURE_VERSION = "1.1"
 PLAIN_VERSION = "1.0"
-# Assets that record up direction, unit or floor of a capture.
+# First version for assets that record the up direction, unit or floor of a capture.
 FRAME_VERSION = "1.2"
 MAJOR = 1
 MINOR = 2
 ASSET_SUFFIX = ".triasset"
 MANIFEST_NAME = "manifest.json"
-# Alignment of buffers in bytes. 64 bytes are a cache line, and the strictest alignment that GPUs require of
-# host pointers.
+# Alignment of buffers in bytes. 64 bytes are the size of a cache line, and the strictest alignment that GPUs
+# require of host pointers.
 ALIGNMENT = 64
 
 Topology = Literal["triangle_soup", "indexed_mesh"]
@@ -67,7 +67,7 @@ class StoredSetting:
 
 @dataclass(frozen=True)
 class SourceFile:
-    """A source file of the asset. `path` is relative to the exported folder."""
+    """A source file of the asset. The field `path` is relative to the exported folder."""
 
     path: str
     sha256: str
@@ -83,7 +83,7 @@ class Source:
 
 @dataclass(frozen=True)
 class CoordinateFrame:
-    """Axes and units of the positions. In COLMAP scenes y points down: `up` is "-y"."""
+    """Axes and units of the positions. In COLMAP scenes y points down, so `up` is "-y"."""
 
     handedness: Literal["right"] = "right"
     up: str = "unknown"
@@ -91,16 +91,16 @@ class CoordinateFrame:
 
     @property
     def known_up(self) -> str | None:
-        """The up axis; None if it is unknown."""
+        """The up axis, or None if the axis is unknown."""
         return None if self.up == "unknown" else self.up
 
 
 @dataclass(frozen=True)
 class BufferSpec:
-    """The declaration of a buffer: its place in a file, type, shape and domain.
+    """The declaration of a buffer: its position in a file, its type, its shape and its domain.
 
-    The first length of `shape` is the size of the domain: V, F or 3F, or any number for "global". `offset`
-    and `byte_length` are bytes in `file`.
+    The first length of `shape` is V, F or 3F, depending on the domain. For the domain "global", any length is
+    valid. The fields `offset` and `byte_length` count bytes in `file`.
     """
 
     file: str
@@ -114,7 +114,7 @@ class BufferSpec:
 
 @dataclass(frozen=True)
 class Manifest:
-    """The description of an asset and its buffers. Keys have the order of manifest.json."""
+    """The description of an asset and its buffers. The keys are in the order of manifest.json."""
 
     generator: str
     method: str
@@ -135,25 +135,27 @@ class Manifest:
     source: Source
     buffers: dict[str, BufferSpec]
     training: Parameters = field(default_factory=dict)
-    """Properties of the training, read from its config files. An empty dict is not written."""
+    """Properties of the training, read from its config files. The file omits an empty mapping."""
     primitive: Primitive = "triangle"
-    """What a face is: a triangle, which is not written, or the stand-in of a Gaussian."""
+    """The primitive of a face: a triangle (the default, omitted in files), or the placeholder triangle of a
+    Gaussian.
+    """
     up: str | None = None
-    """The precise up direction: an axis, or three numbers "X,Y,Z". None is not written."""
+    """The precise up direction: an axis, or three numbers "X,Y,Z". Files omit the value None."""
     unit: Parameters | None = None
-    """The length of the unit: "meters_per_unit", which may be None, and its "source". None is not written."""
+    """The length "meters_per_unit" of the unit, or None, and its "source". Files omit the value None."""
     floor: float | None = None
-    """The height along up, in scene units, that files put at zero. None is not written."""
+    """The height along the up direction, in scene units, that mesh files move to zero. May be None."""
     origin: Origin = NO_ORIGIN
-    """The point of the scene that the positions are relative to. The origin (0, 0, 0) is not written."""
+    """The point of the scene to which positions are relative. Files omit the origin (0, 0, 0)."""
     format: str = FORMAT
     version: str = PLAIN_VERSION
     extra: Parameters = field(default_factory=dict, repr=False)
-    """Unknown keys of a newer minor version. They are kept when the asset is saved."""
+    """Unknown keys of a newer minor version. These keys are kept when the asset is saved."""
 
     @property
     def counts(self) -> tuple[str, ...]:
-        """The numbers of primitives as texts, for people."""
+        """The numbers of primitives as texts for people."""
         if self.primitive == "gaussian":
             return (f"{self.face_count:,} Gaussians",)
         return f"{self.vertex_count:,} vertices", f"{self.face_count:,} faces"
@@ -182,7 +184,7 @@ class Manifest:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Manifest:
-        """Return the manifest of JSON data that `check_manifest` has accepted."""
+        """Return a manifest from JSON data that `check_manifest` has accepted."""
         keys = set(cls.__dataclass_fields__) - {"extra"}
         known = {key: value for key, value in data.items() if key in keys}
         frame = data["coordinate_frame"]

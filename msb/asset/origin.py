@@ -1,4 +1,4 @@
-"""Move an asset to another origin. `msb.base.origin` says which meshes need one."""
+"""Move an asset to another origin. `msb.base.origin` defines which meshes need another origin."""
 
 from dataclasses import replace
 
@@ -11,14 +11,18 @@ from msb.base.origin import NO_ORIGIN, Origin, to_world
 
 
 def world_positions(asset: Asset) -> NDArray[np.floating]:
-    """Return the coordinates (V, 3) in the scene: the stored float32 array, or float64 with an origin."""
+    """Return the coordinates (V, 3) in the scene.
+
+    The array is the stored float32 array, or float64 if the asset has an origin.
+    """
     return to_world(asset.buffers["positions"], asset.manifest.origin)
 
 
 def with_origin(asset: Asset, origin: Origin) -> Asset:
-    """Return `asset` with its positions relative to `origin`, in a scene of its own.
+    """Return `asset` in a separate scene, in which its positions are relative to `origin`.
 
-    The positions stay the same, so the mesh moves in the scene. Cameras move with it by `Camera.relative_to`.
+    The stored positions do not change, so the mesh moves in the scene. `Camera.relative_to` moves cameras
+    in the same way.
     """
     if origin == asset.manifest.origin:
         return asset
@@ -29,5 +33,5 @@ def with_origin(asset: Asset, origin: Origin) -> Asset:
 
 
 def without_origin(asset: Asset) -> Asset:
-    """Return `asset` with its positions as coordinates, for code that computes with them."""
+    """Return `asset` with its positions as scene coordinates, for code that computes with coordinates."""
     return with_origin(asset, NO_ORIGIN)

@@ -12,24 +12,25 @@ from msb.errors import UsageError
 def invert_projection(mvp: NDArray[Any], near: float, far: float) -> NDArray[Any]:
     """Return the inverse of the model-view-projection matrix (4, 4), computed in float64 and rounded.
 
-    The view direction of a pixel is the line between its points on the near and the far plane, at NDC depth
-    -1 and 1. For both points of every pixel, the inverse must give w > 0. A far plane that rounds to infinity
-    has w = 0.
+    The view direction of a pixel is the line between two points. The two points lie on the near plane and the
+    far plane, at NDC depth -1 and 1. The inverse matrix must give w > 0 for the near point and the far point
+    of every pixel. A far plane that rounds to infinity has w = 0.
 
     Raises
     ------
     UsageError
-        SETTING_VALUE: the planes cannot be represented in the dtype of `mvp`.
+        SETTING_VALUE: the dtype of `mvp` cannot represent the planes.
     """
     if near < far:
         with np.errstate(all="ignore"):
             back: NDArray[Any] = inverse(mvp.astype(np.float64)).astype(mvp.dtype)
         if np.isfinite(back).all():
-            # w = across x + down y + along z + constant, with x, y and z in [-1, 1].
+            # The homogeneous coordinate is w = across x + down y + along z + constant, with x, y and z in
+            # [-1, 1].
             across, down, along, constant = back[3]
             if constant - abs(along) - abs(across) - abs(down) > 0:
                 return back
-    text = f"settings z_near {near:g} and z_far {far:g} are invalid: z_near must be below z_far, and "
+    text = f"the settings z_near {near:g} and z_far {far:g} are invalid: z_near must be below z_far, and "
     text += f"{mvp.dtype} must be able to represent their ratio: z_far / z_near must be below about "
     text += f"{1 / np.finfo(mvp.dtype).eps:.0e}"
     raise UsageError("SETTING_VALUE", text)

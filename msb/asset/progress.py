@@ -1,14 +1,14 @@
-"""Progress of long tasks."""
+"""Progress reports of long tasks."""
 
 from collections.abc import Callable
 
-# A function that is called as ``progress(stage, done, total)``, with bytes. It is called often, so it must be
-# fast.
+# A function that is called as ``progress(stage, done, total)``, with bytes. The function is called often,
+# so it must be fast.
 Progress = Callable[[str, int, int], None]
 
 
 class Meter:
-    """Count the bytes of one stage."""
+    """Count the processed bytes of one stage."""
 
     def __init__(self, stage: str, total: int, progress: Progress | None) -> None:
         self._stage, self._total, self._progress = stage, total, progress

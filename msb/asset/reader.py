@@ -1,4 +1,4 @@
-"""Open an asset: check the manifest and the sizes of files, and map the buffers without reading values."""
+"""Open an asset: check the manifest and the file sizes, and map the buffers without reading values."""
 
 import os
 from collections.abc import Mapping
@@ -16,23 +16,23 @@ from msb.asset.manifest import DTYPES, Manifest
 from msb.asset.strict_json import parse_strict_json
 from msb.errors import AssetError, Finding, InputError, MsbError, finding
 
-# Codes of errors that occur if the file is of another kind, such as a ZIP file of torch.
+# Codes of errors for a file of another kind, such as a ZIP file of torch.
 _NO_ASSET = ("FILE_NOT_RECOGNISED", "TRIASSET_MANIFEST_MISSING", "TRIASSET_FORM")
 
 
 def load(path: str | os.PathLike[str]) -> Asset:
-    """Open the `.triasset` at `path`, packed or folder.
+    """Open the `.triasset` at `path`, in packed or folder form.
 
-    This takes milliseconds for an asset of any size, because only the manifest, paths and sizes are checked.
-    `validate` also checks values and hashes. docs/triasset.md describes the format.
+    Opening takes milliseconds for an asset of any size, because only the manifest, paths and sizes are
+    checked. `validate` also checks values and hashes. docs/triasset.md describes the format.
 
     Raises
     ------
     InputError
-        The file does not exist or cannot be read; `FILE_NOT_RECOGNISED` if it is not an asset. `msb.open`
-        opens other kinds of files.
+        The file does not exist or cannot be read; `FILE_NOT_RECOGNISED` if the file is not an asset.
+        `msb.open` opens other kinds of files.
     AssetError
-        The first finding whose severity is "error".
+        The first finding with the severity "error".
 
     Examples
     --------
@@ -56,7 +56,7 @@ def load(path: str | os.PathLike[str]) -> Asset:
 
 
 def read_manifest(data: bytes, container: Container) -> tuple[list[Finding], Manifest | None]:
-    """Return all findings about a manifest and its files, and the manifest if it has no errors."""
+    """Return all findings about a manifest and its files, and the manifest if there are no errors."""
     parsed = parse_strict_json(data, file=container.path)
     findings = check_manifest(parsed)
     if any(item.severity == "error" for item in findings):
@@ -67,7 +67,7 @@ def read_manifest(data: bytes, container: Container) -> tuple[list[Finding], Man
 
 
 def _check_files(manifest: Manifest, container: Container) -> list[Finding]:
-    """Return findings about files of buffers that are missing or have a wrong size, and about other files."""
+    """Return findings about buffer files that are missing or have a wrong size, and about other files."""
     declared: dict[str, int] = {}
     for spec in manifest.buffers.values():
         declared[spec.file] = max(declared.get(spec.file, 0), spec.offset + spec.byte_length)
@@ -94,7 +94,7 @@ def _check_files(manifest: Manifest, container: Container) -> list[Finding]:
 
 
 def map_buffers(manifest: Manifest, container: Container) -> Mapping[str, NDArray[Any]]:
-    """Return the buffers as read-only arrays on the mapped files, which have been checked."""
+    """Return the buffers as read-only arrays on the mapped and checked files."""
     arrays = {}
     for name, spec in manifest.buffers.items():
         view, start = container.map(spec.file)

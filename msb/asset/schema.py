@@ -1,12 +1,12 @@
 """Check a parsed manifest against the JSON Schema triasset.schema.json.
 
 The schema file defines all keys and their values. This module interprets the few keywords of JSON Schema that
-the file uses. It does not use the `jsonschema` library, because reading an asset must only need NumPy and the
-standard library. A test compares the results of this module and of `jsonschema`.
+the schema file uses. This module does not use `jsonschema`, because reading an asset must only need NumPy and
+the standard library. A test compares the results of this module with the results of the library `jsonschema`.
 
-There are two additional keywords: `x-code` is the code of a violation, if it is not TRIASSET_FIELD, and
-`x-closed` marks objects whose unknown keys cause a warning. Unlike in JSON Schema, ``4.0`` is not an
-integer.
+The schema has two additional keywords. `x-code` is the error code of a violation, by default TRIASSET_FIELD.
+`x-closed` marks objects whose unknown keys cause a warning. Unlike in JSON Schema, ``4.0`` is not an integer
+here.
 """
 
 import json
@@ -43,7 +43,10 @@ def manifest_schema() -> Schema:
 
 
 def check_schema(value: Any, schema: Schema, pointer: str = "") -> Iterator[Finding]:
-    """Yield a finding for everything in `value` that violates `schema`; `pointer` is the place of `value`."""
+    """Yield a finding for each violation of `schema` in `value`.
+
+    The argument `pointer` is the JSON pointer of `value`.
+    """
     code = schema.get("x-code", "TRIASSET_FIELD")
     here = pointer or "the manifest"
     if not _has_type(value, schema.get("type")):
@@ -92,23 +95,26 @@ def _has_type(value: Any, wanted: str | list[str] | None) -> bool:
     if wanted is None:
         return True
     names = [wanted] if isinstance(wanted, str) else wanted
-    if isinstance(value, bool):  # in Python a bool is an int, in JSON it is not
+    if isinstance(value, bool):  # In Python, a bool is also an int.
         return "boolean" in names
     return any(isinstance(value, _TYPES[name]) for name in names)
 
 
 def _scalar_problems(value: Any, schema: Schema) -> Iterator[str]:
-    """Yield each rule that `value` violates, as text that follows "must". Its type is valid."""
+    """Yield each rule that `value` violates.
+
+    The text continues a sentence after "must". The type of `value` must be valid.
+    """
     if "const" in schema and value != schema["const"]:
         yield f'be "{schema["const"]}"'
     if "enum" in schema and value not in schema["enum"]:
         yield f"be one of {', '.join(schema['enum'])}"
     if isinstance(value, str):
-        if has_lone_surrogate(value):  # such a value is possible in a manifest that was built in memory
+        if has_lone_surrogate(value):  # Only a manifest built in memory can have such a value.
             yield "not contain half of a surrogate pair"
         elif len(value) > schema.get("maxLength", len(value)):
             yield f"have at most {schema['maxLength']} characters"
-        # In Python "$" also matches before a final line break, in JSON Schema it does not.
+        # In JSON Schema, "$" does not match before a final line break, unlike in Python.
         elif "pattern" in schema and not re.search(schema["pattern"].replace("$", r"\Z"), value):
             yield f"match {schema['pattern']}"
     elif isinstance(value, list):
@@ -116,7 +122,7 @@ def _scalar_problems(value: Any, schema: Schema) -> Iterator[str]:
         if not least <= len(value) <= most:
             yield f"have {least} items" if least == most else f"have {least} to {most} items"
     elif isinstance(value, int | float) and not isinstance(value, bool):
-        # such a value is possible in a manifest that was built in memory
+        # Only a manifest built in memory can have such a value.
         if isinstance(value, float) and not math.isfinite(value):
             yield "be finite"
         if value < schema.get("minimum", value):
@@ -131,7 +137,7 @@ def _type_names(wanted: str | list[str]) -> str:
 
 
 def describe(value: Any) -> str:
-    """Return `value` as text for an error message: its JSON if the JSON is short, otherwise its type."""
+    """Return `value` as text for an error message: its JSON if this is short, otherwise its type."""
     if isinstance(value, dict):
         return "an object"
     if isinstance(value, list):

@@ -15,12 +15,12 @@ _BOOLS |= {"false": False, "no": False, "off": False, "0": False}
 
 
 def effective_settings(manifest: Manifest, overrides: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return all settings of the asset's method: the override, the stored value or the default."""
+    """Return all settings of the asset's method: the override, otherwise the stored value or the default."""
     method = lookup(manifest.method)
     overrides = check_overrides(manifest.method, overrides or {})
     degree = overrides.get("sh_degree")
     if isinstance(degree, int) and degree > manifest.sh_degree:
-        text = f"setting sh_degree is {degree}; the asset only stores degree {manifest.sh_degree}"
+        text = f"the setting sh_degree is {degree}; the asset only stores degree {manifest.sh_degree}"
         raise UsageError("SETTING_VALUE", text)
     values = {name: setting.default for name, setting in method.settings.items()}
     if "sh_degree" in values:
@@ -53,7 +53,7 @@ def check_overrides(method: str, overrides: Mapping[str, Any]) -> dict[str, Sett
             text += f"; did you mean {near[0]}?" if near else ""
             raise UsageError("SETTING_UNKNOWN", text)
         if problem := known[name].problem(value):
-            text = f"setting {name} is {shorten(repr(value), 40)}; it {problem}"
+            text = f"the setting {name} is {shorten(repr(value), 40)}; it {problem}"
             raise UsageError("SETTING_VALUE", text)
     return dict(overrides)
 
@@ -80,7 +80,8 @@ def parse_overrides(method: str, assignments: Iterable[str]) -> dict[str, Settin
 
 
 def _parse(kind: str, text: str) -> SettingValue:
-    """Return the value of `text`, or an invalid `text` unchanged. `check_overrides` will report it."""
+    """Return the value of `text`, or `text` itself if it is invalid. `check_overrides` will report an
+    invalid text."""
     if text.lower() in ("none", "null"):
         return None
     if kind == "bool":

@@ -34,12 +34,13 @@ _C4 = (
 
 
 def sh_basis(directions: Reals, degree: int) -> list[Reals]:
-    """Return the basis functions B_1 .. B_K, K = (degree + 1)^2 - 1, at unit vectors (..., 3).
+    """Return the basis functions B_1 .. B_K at unit vectors (..., 3), with K = (degree + 1)^2 - 1.
 
-    Each of the K arrays has the shape (...). Source: GaodeRender/triangle-splatting:
-    submodules/diff-triangle-rasterization-2D/src/forward.cu. The other methods use the same formulas in the
-    same order of operations. Degree 4: nerfstudio-project/gsplat at 90d7b4b (gsplat/cuda/_torch_impl.py); the
-    constants are those of the real spherical harmonics with the Condon-Shortley phase.
+    Each of the K arrays of basis functions has the shape (...). Source: GaodeRender/triangle-splatting:
+    submodules/diff-triangle-rasterization-2D/src/forward.cu. All methods use these formulas for degrees 1 to
+    3, in this order of operations. Source of degree 4: nerfstudio-project/gsplat at 90d7b4b
+    (gsplat/cuda/_torch_impl.py). The constants are those of the real spherical harmonics with the
+    Condon-Shortley phase.
     """
     x, y, z = directions[..., 0], directions[..., 1], directions[..., 2]
     values: list[Reals] = []

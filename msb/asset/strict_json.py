@@ -1,7 +1,7 @@
 """Parse a JSON document from untrusted bytes, more strictly than the standard parser.
 
 Python's `json` keeps the last of two equal keys, accepts NaN and Infinity, turns 1e999 into infinity, and
-raises RecursionError for deep nesting. All of these are errors here.
+raises RecursionError for deep nesting. This parser rejects all these documents.
 """
 
 import json
@@ -14,7 +14,7 @@ from msb.errors import AssetError, MsbError, shorten
 
 # Maximum size of a document in bytes. A manifest with 64 buffers has about 20 kB.
 MAX_BYTES = 1 << 20
-# Maximum nesting. The format has 4 levels, and extensions may have more.
+# Maximum nesting. The format has 4 levels of nesting, and extensions may have more.
 MAX_DEPTH = 16
 # Maximum number of digits of an integer. 2^64 has 20 digits, and no key of the format needs more.
 MAX_DIGITS = 20
@@ -22,7 +22,10 @@ _SURROGATE = re.compile(r"[\ud800-\udfff]")
 
 
 class _RejectedError(Exception):
-    """The problem of a document, and its position in bytes. The text follows the name of the document."""
+    """The problem in a document, and its position in bytes.
+
+    The message follows the name of the document in the error.
+    """
 
     def __init__(self, message: str, byte: int | None = None) -> None:
         super().__init__(message)
@@ -38,9 +41,10 @@ def parse_strict_json(
     error: type[MsbError] = AssetError,
     code: str = "TRIASSET_MANIFEST",
 ) -> Any:
-    """Return the value of a JSON document: UTF-8 without byte-order mark.
+    """Return the value of a JSON document, which is UTF-8 without a byte-order mark.
 
-    Errors have the class `error` and the code `code`. They name the file `file` and the document `name`.
+    Errors are of the class `error` and have the code `code`. Errors name the file `file` and the document
+    `name`.
     """
     try:
         text = _decode(data, max_bytes)

@@ -1,9 +1,10 @@
-"""A strict reader of ZIP files with stored members: `.triasset` files and checkpoints of torch.
+"""A strict reader of ZIP files with stored (uncompressed) members: `.triasset` files and checkpoints of
+torch.
 
-The file consists of the local headers with their data, from byte 0 and without gaps, the central directory
-and the end record. The standard library tolerates duplicate names, data before or between members, and
-contradictory headers. Different readers would see different content in such a file, so it is rejected. A
-`Policy` describes the differences between the two kinds of archive. Record layouts: PKWARE APPNOTE 6.3.10,
+The file begins with the local headers and their data, without gaps. The central directory and the end record
+follow. The standard library tolerates duplicate names, data before or between members, and contradictory
+headers. Therefore this reader rejects a file in which different readers would find different content. A
+`Policy` describes the differences between assets and checkpoints. Record layouts: PKWARE APPNOTE 6.3.10,
 sections 4.3.7, 4.3.9, 4.3.12, 4.3.14 to 4.3.16, 4.4.4 and 4.5.3.
 """
 
@@ -13,22 +14,22 @@ from typing import Any, NoReturn
 
 from msb.errors import shorten
 
-# Layouts of the records. Each record begins with a signature of four bytes.
+# Layouts of the ZIP records. Each ZIP record begins with a signature of four bytes.
 LOCAL = struct.Struct("<4s5H3I2H")
 CENTRAL = struct.Struct("<4s6H3I5H2I")
 END = struct.Struct("<4s4H2IH")
 END64 = struct.Struct("<4sQ2H2I4Q")
 LOCATOR = struct.Struct("<4sIQI")
-# Layouts of the record after the data of a member, without and with ZIP64.
+# Layouts of the ZIP record after the data of a member, without and with ZIP64.
 _DESCRIPTORS = (struct.Struct("<4sI2I"), struct.Struct("<4sI2Q"))
 
-# Placeholders of values that are in the ZIP64 record.
+# Placeholders for values that are in the ZIP64 record.
 FULL16, FULL32 = 0xFFFF, 0xFFFFFFFF
 # Flags of encrypted data, strong encryption and a masked header.
 ENCRYPTED = 0x0001 | 0x0040 | 0x2000
 # Flag: sizes and CRC-32 follow the data.
 DESCRIPTOR = 0x0008
-# Flag: the name is UTF-8.
+# Flag: the member name is UTF-8.
 UTF8 = 0x0800
 EXTRA_ZIP64 = 0x0001
 # Extra record of Info-ZIP with a Unicode path, which some readers use as the name of the member.
@@ -39,7 +40,7 @@ _EXTRA_NAME = 0x7075
 class Member:
     """A stored member: its local header at byte `header`, its data at `offset`, and its `end`.
 
-    The next member starts at `end`.
+    The next member starts at byte `end`.
     """
 
     name: str
@@ -51,23 +52,26 @@ class Member:
 
 
 class Policy:
-    """The rules of one kind of archive. The checks of this base class accept everything."""
+    """The rules of one kind of archive. This base class accepts every archive."""
 
     max_members: int
-    # Whether the archive may be as torch writes it: sizes and checksum may follow the data, and local headers
-    # may repeat the central ZIP64 record.
+    # Whether the archive may have the form that torch writes. In such an archive, sizes and checksums may
+    # follow the data. Local headers may repeat the ZIP64 record of the central directory.
     descriptors = False
 
     def refuse(self, code: str, message: str, at: int) -> NoReturn:  # pragma: no cover
-        """Raise an error about byte `at`. `code` has no prefix for the kind of archive, for example FORM."""
+        """Raise an error about byte `at`.
+
+        The argument `code` is the error code without the prefix for the kind of archive, for example FORM.
+        """
         raise NotImplementedError
 
     def name(self, raw: bytes, flags: int, at: int) -> str:
-        """Return the name in a central header, or reject it."""
+        """Return the member name in a central header, or reject the name."""
         raise NotImplementedError
 
     def same_name(self, name: str) -> str:
-        """Return the normal form of a name; no two members may have the same normal form."""
+        """Return the normal form of a member name. Two members must not have the same normal form."""
         return name
 
     def compressed(self, name: str, method: int, at: int) -> NoReturn:
@@ -79,7 +83,7 @@ class Policy:
         """Check the length of a central header's extra field, and its external attributes."""
 
     def check_place(self, name: str, start: int, extra: int) -> None:
-        """Check the start of a member's data. It follows an extra field of `extra` bytes."""
+        """Check the start of a member's data. The extra field before the data has `extra` bytes."""
 
 
 def read_members(data: Any, policy: Policy) -> dict[str, Member]:
@@ -88,7 +92,7 @@ def read_members(data: Any, policy: Policy) -> dict[str, Member]:
 
 
 class _Parser:
-    """The parser of one archive."""
+    """The parser of a single archive."""
 
     def __init__(self, data: Any, policy: Policy) -> None:
         self.data, self.size, self.policy, self.refuse = data, len(data), policy, policy.refuse
@@ -106,7 +110,7 @@ class _Parser:
         return tuple(fields)
 
     def members(self) -> dict[str, Member]:
-        """Check everything, and return the members by name."""
+        """Check the whole archive, and return its members by name."""
         count, start, end = self.directory()
         most = self.policy.max_members
         if count > most:
@@ -127,7 +131,7 @@ class _Parser:
 
     def directory(self) -> tuple[int, int, int]:
         """Return the number of entries, and the start and end of the central directory."""
-        # The end record must be at the very end, without a comment.
+        # The end record must be at the very end of the file, without a comment.
         at = self.size - END.size
         if at < 0 or self.part(at, at + 4) != b"PK\x05\x06":
             first = max(0, at - FULL16)
@@ -143,7 +147,7 @@ class _Parser:
         )
         if comment:
             self.refuse("HOSTILE", f"the end record declares {comment} more bytes", at)
-        # If there is a ZIP64 end record, it precedes the end record and holds the large values.
+        # A ZIP64 end record precedes the end record and contains the large values.
         end = at
         locator = at - LOCATOR.size
         if locator >= 0 and self.part(locator, locator + 4) == b"PK\x06\x07":
@@ -153,7 +157,7 @@ class _Parser:
         if disk or first_disk or here != count:
             self.refuse("DAMAGED", "the archive is split over several files", at)
         if start + length != end:
-            # Data before the archive, such as a self-extracting program, shifts the directory.
+            # Data before the archive shifts the directory, for example in a self-extracting program.
             code = "HOSTILE" if start + length < end else "DAMAGED"
             text = f"the central directory should end at byte {end}, but ends at {start + length}"
             self.refuse(code, text, at)
@@ -166,7 +170,7 @@ class _Parser:
         """
         _, at, disks = self.record(LOCATOR, locator, b"PK\x06\x07", "ZIP64 locator")
         if at != locator - END64.size or disks != 1:
-            self.refuse("HOSTILE", "the ZIP64 locator does not point just before itself", locator)
+            self.refuse("HOSTILE", "the ZIP64 locator does not point to the record just before it", locator)
         size, *_, disk, first_disk, here, count, length, start = self.record(
             END64, at, b"PK\x06\x06", "ZIP64 end record"
         )
@@ -208,7 +212,7 @@ class _Parser:
         return Member(name, crc, size, header, start, data_end), after
 
     def local_entry(self, name: str, raw: bytes, flags: int, central: tuple[int, int, int]) -> int:
-        """Check the local header against the central one; return the start of the data."""
+        """Check the local header against the central header. Return the start of the data."""
         crc, size, header = central
         label = shorten(name)
         fields = self.record(LOCAL, header, b"PK\x03\x04", "local header")
@@ -244,11 +248,11 @@ class _Parser:
         flags: int,
         label: str,
     ) -> tuple[int, int]:
-        """Return the size and the packed size from a local header that torch wrote.
+        """Return the size and the packed size from a local header written by torch.
 
-        Beyond 4 GiB both sizes in the header are 0. The ZIP64 record of the local header then repeats the
-        record of the central directory. It holds the size, a packed size of 0, and even an offset. All values
-        must be right.
+        For members beyond 4 GiB, both sizes in the header are 0. In this case, the ZIP64 record of the local
+        header repeats the record of the central directory. This record contains the size, a packed size of 0,
+        and an offset. All these values must be correct.
         """
         _, size, header = central
         wide = self.zip64(at, length, label)
@@ -260,7 +264,7 @@ class _Parser:
         return short
 
     def descriptor_length(self, at: int, crc: int, size: int, label: str) -> int:
-        """Check the record after the data, and return its length in bytes."""
+        """Check the ZIP record after the data, and return its length in bytes."""
         wanted = b"PK\x07\x08", crc, size, size
         for layout in _DESCRIPTORS:
             if at + layout.size <= self.size and layout.unpack_from(self.data, at) == wanted:
@@ -269,9 +273,9 @@ class _Parser:
         return self.refuse("HOSTILE", text, at)
 
     def sizes64(self, at: int, length: int, short: tuple[int, int, int], label: str) -> tuple[int, int, int]:
-        """Return size, packed size and header offset; large values come from the ZIP64 record.
+        """Return the size, the packed size and the header offset. Large values come from the ZIP64 record.
 
-        Additional values in the record are rejected, because only some readers would use them.
+        Additional values in the ZIP64 record are rejected, because readers treat such values differently.
         """
         wanted = short.count(FULL32)
         wide = self.zip64(at, length, label)
@@ -283,7 +287,10 @@ class _Parser:
         return size, packed, header
 
     def zip64(self, at: int, length: int, label: str) -> tuple[int, ...] | None:
-        """Return the numbers in the ZIP64 record of an extra field, or None. Other records are padding."""
+        """Return the numbers in the ZIP64 record of an extra field, or None without such a record.
+
+        All other extra records are ignored as padding.
+        """
         wide: tuple[int, ...] | None = None
         end = at + length
         while at + 4 <= end:
@@ -301,7 +308,7 @@ class _Parser:
         return wide
 
     def check_names(self, members: list[Member]) -> None:
-        """Reject two members with the same name."""
+        """Reject two members with equal names."""
         seen: dict[str, str] = {}
         for member in members:
             key = self.policy.same_name(member.name)
@@ -310,7 +317,7 @@ class _Parser:
                 continue
             twin = seen[key]
             code = "HOSTILE" if twin == member.name else "PATH"
-            text = f"{shorten(member.name)} and {shorten(twin)} are the same name"
+            text = f"{shorten(member.name)} and {shorten(twin)} are equal names"
             self.refuse(code, text, member.header)
 
     def check_tiling(self, members: list[Member], directory: int) -> None:

@@ -1,4 +1,4 @@
-"""Textures of an asset: their storage, and sampling in NumPy, which the OpenCL kernels must match."""
+"""Textures of an asset: their storage, and their sampling in NumPy, which the OpenCL kernels must match."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ Wrap = Literal["repeat", "clamp", "mirror"]
 KIND = "texture"
 # The pass of the standard tier that draws textures.
 PASS = "opaque_unlit_texture"
-# Tolerance of the alpha cutoff. A sample is drawn even if its alpha is lower than the cutoff by up to this
-# value. Rounding during interpolation can reduce alpha.
+# Tolerance of the alpha cutoff. A sample is drawn if its alpha is at most this value below the cutoff.
+# Interpolation can reduce the alpha by rounding errors.
 ROUNDING = 1e-6
 NAME = re.compile(r"texture\.(0|[1-9][0-9]?)")
 # Maximum number of texels along a side of a texture.
@@ -47,7 +47,7 @@ class Sampler:
     wrap_u, wrap_v : {"repeat", "clamp", "mirror"}
         Continuation of the texture outside 0 to 1.
     alpha_cutoff : float, optional
-        Nothing is drawn where alpha is below this value. None: alpha is ignored.
+        Nothing is drawn where alpha is below this value. The value None ignores alpha.
     """
 
     filter: Filter = "linear"
@@ -67,7 +67,7 @@ class Sampler:
         return cls(**{key: appearance[key] for key in cls.__dataclass_fields__})
 
 
-# The choices for each key of a sampler.
+# The allowed values for each key of a sampler.
 CHOICES: dict[str, tuple[str, ...]] = {
     "filter": get_args(Filter),
     "wrap_u": get_args(Wrap),
@@ -77,16 +77,16 @@ CHOICES: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Textured:
-    """The textures of an asset with F faces, as renderers need them.
+    """The textures of an asset with F faces, in the form that renderers need.
 
     Attributes
     ----------
     images : tuple of (H, W, 3 | 4) uint8
-        sRGB; the fourth channel is alpha. Row 0 is v = 0.
+        Images in sRGB; the fourth channel is alpha. Row 0 is v = 0.
     uvs : (F, 3, 2) float32
-        Texture coordinates of each corner. (0, 0) is the outer corner of the first texel of row 0.
+        Texture coordinates of each corner. The point (0, 0) is the outer corner of the first texel of row 0.
     face_texture : (F,) uint32, optional
-        Index of the image of each face; None if there is one image.
+        Index of the image of each face; None for a single image.
     sampler : Sampler
     """
 
@@ -102,7 +102,7 @@ def is_textured(asset: Asset) -> bool:
 
 
 def textures_of(asset: Asset) -> Textured | None:
-    """Return the textures of `asset`, or None.
+    """Return the textures of `asset`, or None if the asset has no textures.
 
     Raises
     ------
@@ -119,7 +119,10 @@ def textures_of(asset: Asset) -> Textured | None:
 def textures_in(
     buffers: Mapping[str, NDArray[Any]], domain: str, sampler: Sampler, path: Path | None = None
 ) -> Textured:
-    """Return the textures in `buffers`. Errors are as in `textures_of`; `domain` is the domain of `uv`."""
+    """Return the textures in `buffers`.
+
+    Raises the errors of `textures_of`. The argument `domain` is the domain of the buffer `uv`.
+    """
     images = texture_images(buffers)
     uvs = buffers["uv"]
     if (at := first_bad(uvs)) is not None:
@@ -143,7 +146,7 @@ def texture_images(buffers: Mapping[str, NDArray[Any]]) -> tuple[NDArray[np.uint
 
 
 def srgb_to_linear(values: NDArray[Any]) -> NDArray[Any]:
-    """Return sRGB values in [0, 1] as linear light (IEC 61966-2-1), in the same float type."""
+    """Return sRGB values in [0, 1] as linear light (IEC 61966-2-1), in the float type of the input."""
     low = values <= 0.04045
     light = np.where(low, values / 12.92, ((np.maximum(values, 0) + 0.055) / 1.055) ** 2.4)
     return light.astype(values.dtype)
@@ -156,13 +159,14 @@ def linear_to_srgb(values: NDArray[Any]) -> NDArray[Any]:
     return srgb.astype(values.dtype)
 
 
-# Linear light of the 256 sRGB bytes.
+# Linear light of the 256 sRGB byte values.
 LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
 LINEAR.flags.writeable = False
 
 
 def decode_texels(image: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Return texels (..., 3 | 4) as linear light and alpha (..., 4). Alpha is 1 for 3 channels."""
+    """Return texels (..., 3 | 4) as linear light and alpha (..., 4). The alpha of texels with 3 channels is
+    1."""
     light = np.ones((*image.shape[:-1], 4), np.float32)
     light[..., :3] = LINEAR[image[..., :3]]
     if image.shape[-1] == 4:
@@ -177,10 +181,11 @@ def encode_texels(values: NDArray[np.float32], channels: int) -> NDArray[np.uint
 
 
 def mip_levels(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
-    """Return `image` and its mip levels, each half as large as the one before, down to one texel.
+    """Return `image` and its mip levels.
 
-    A texel is the average, in linear light, of 2 x 2 texels of the level before. Along odd sides it is the
-    average of 3 texels instead of 2. The average is rounded to bytes, as a GPU stores it.
+    Each level has half the size of the previous level, down to one texel. A texel is the average, in linear
+    light, of 2 x 2 texels of the previous level. Along odd sides a texel is the average of 3 texels instead
+    of 2. The average is rounded to bytes, like the texels that a GPU stores.
     """
     levels = [image]
     for size in level_sizes(*image.shape[:2])[1:]:
@@ -189,7 +194,7 @@ def mip_levels(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
 
 
 def levels_read(image: NDArray[np.uint8], sampler: Sampler) -> list[NDArray[np.uint8]]:
-    """Return the levels of `image` that a sampler uses: all `mip_levels`, or only the first."""
+    """Return the mip levels of `image` that a sampler uses: all levels, or only the first level."""
     return mip_levels(image) if sampler.mipmaps else [image]
 
 
@@ -202,9 +207,9 @@ def level_sizes(height: int, width: int) -> list[tuple[int, int]]:
 
 
 def _halve(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return the next mip level, which has the given size.
+    """Return the next mip level of the given size.
 
-    It is computed in chunks, because floats need 16 times the memory of bytes.
+    The level is computed in chunks, because floats need 16 times the memory of bytes.
     """
     height, width, channels = image.shape
     level = np.zeros((*size, channels), np.uint8)
@@ -227,15 +232,16 @@ def _find_covered(
 ) -> list[tuple[NDArray[np.intp], NDArray[np.float32]]]:
     """Return the texels along an axis whose average gives the texels `rows` (n,) of the next mip level.
 
-    The axis has `size` texels in this level, and `half` texels in the next level. The result has 1, 2 or 3
-    pairs of texel indices (n,) and their weights (n,).
+    The axis has `size` texels in the current level, and `half` texels in the next level. The result has 1, 2
+    or 3 pairs of texel indices (n,) and weights (n,).
     """
     if size == half:
         return [(rows, np.ones(len(rows), np.float32))]
     if size == 2 * half:
         shares: list[NDArray[Any]] = [np.full(len(rows), 0.5)] * 2
     else:
-        # size is odd (2 half + 1): a new texel covers one old texel completely and its two neighbours partly.
+        # If the size is odd (2 half + 1), a new texel covers one old texel completely and two neighbours
+        # partly.
         shares = [(half - rows) / size, np.full(len(rows), half / size), (rows + 1) / size]
     return [(2 * rows + offset, share.astype(np.float32)) for offset, share in enumerate(shares)]
 
@@ -245,8 +251,8 @@ def sample(
 ) -> NDArray[np.float32]:
     """Return linear light and alpha (N, 4) of a texture with mip `levels` at `uvs` (N, 2).
 
-    `lod` (N,) is log2 of the number of texels of level 0 per pixel. Level 0 is used if `lod` is missing, 0 or
-    less. Two levels are blended by the fraction of `lod`.
+    The argument `lod` (N,) is log2 of the number of texels of level 0 per pixel. A missing, zero or negative
+    `lod` selects level 0. If `lod` lies between two levels, both levels are blended.
     """
     if lod is None or not sampler.mipmaps or len(levels) == 1:
         return _sample_level(levels[0], uvs, sampler)

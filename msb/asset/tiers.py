@@ -1,4 +1,4 @@
-"""Check whether a tier can draw an asset."""
+"""Check whether a renderer tier can draw an asset."""
 
 from msb.asset.manifest import Manifest, Primitive
 from msb.base.paths import shell_word
@@ -7,9 +7,9 @@ from msb.registry import METHODS, NO_APPEARANCE, NO_TRIANGLES, Tier, lookup
 
 
 def passes_of(method: str, primitive: Primitive) -> dict[Tier, tuple[str, ...]]:
-    """Return the passes of each tier that can draw primitives of this kind of a method, in order.
+    """Return the passes that each renderer tier needs to draw a primitive of a method, in order.
 
-    Methods of Gaussians have two kinds of assets: the Gaussians, and meshes that were extracted from them.
+    Gaussian methods have two kinds of assets: the Gaussians, and meshes extracted from the Gaussians.
     """
     declared = lookup(method)
     return {
@@ -20,10 +20,10 @@ def passes_of(method: str, primitive: Primitive) -> dict[Tier, tuple[str, ...]]:
 
 
 def why_not(manifest: Manifest, tier: Tier) -> str | None:
-    """Return the reason why `tier` cannot draw an asset, or None if it can draw the asset.
+    """Return the reason why `tier` cannot draw an asset, or None if the tier can draw it.
 
     If the method is not installed, only the standard tier is supported. If the manifest lists no passes for
-    the standard tier, the asset has no static colours. Then the standard tier is not supported either.
+    the standard tier, the asset has no static colours. The standard tier then cannot draw the asset.
     """
     name, passes = manifest.method, manifest.required_passes
     if tier == "standard" and manifest.primitive == "gaussian":
@@ -36,7 +36,10 @@ def why_not(manifest: Manifest, tier: Tier) -> str | None:
 
 
 def refusal(manifest: Manifest, tier: Tier) -> str | None:
-    """Return why `tier` cannot draw an asset, and an alternative if there is one; None if it can draw it."""
+    """Return why `tier` cannot draw an asset, with an alternative if possible.
+
+    Return None if the tier can draw the asset.
+    """
     why = why_not(manifest, tier)
     if why is None:
         return None
@@ -48,15 +51,19 @@ def refusal(manifest: Manifest, tier: Tier) -> str | None:
 
 
 def reject_gaussians(primitive: Primitive, file: object) -> None:
-    """Raise UNSUPPORTED_METHOD if a model, opened from `file`, consists of Gaussians instead of triangles."""
+    """Raise UNSUPPORTED_METHOD if a model consists of Gaussians instead of triangles.
+
+    The error names `file`.
+    """
     if primitive == "gaussian":
         source = "MODEL" if file is None else shell_word(str(file))
-        text = f"Gaussian splats, not a mesh; make one with msb bake {source} -o mesh.glb"
+        text = "Gaussian splats, not a mesh; make one with msb bake"
+        text += f" {source} -o mesh.glb (a mesh of the splats)"
         raise Unsupported("UNSUPPORTED_METHOD", text, file=file)
 
 
 def reject_triangles(manifest: Manifest, file: object) -> None:
-    """Raise UNSUPPORTED_METHOD if an asset of a method of Gaussians is an extracted mesh."""
+    """Raise UNSUPPORTED_METHOD if the asset of a Gaussian method is an extracted mesh."""
     if manifest.primitive == "triangle":
         text = f"a mesh that was extracted from {lookup(manifest.method).title}, not its Gaussians"
         raise Unsupported("UNSUPPORTED_METHOD", text, file=file)

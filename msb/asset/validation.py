@@ -1,4 +1,4 @@
-"""Check an asset completely and report all errors, while `load` stops at the first one."""
+"""Check an asset completely and report all errors, while `load` stops at the first error."""
 
 import hashlib
 import math
@@ -23,7 +23,8 @@ from msb.errors import AssetError, Finding, InputError, error_finding, finding, 
 MAGNITUDE_LIMIT = 1e18
 # Number of findings that are printed.
 SHOWN = 50
-# Tolerance of the bounds, relative to the size of the box. Other programs may round them to float32.
+# The bounds may differ by this value, relative to the size of the bounding box. Other programs may round the
+# bounds to float32.
 BOUNDS_TOLERANCE = 1e-5
 
 
@@ -35,7 +36,7 @@ class Validation:
     ----------
     path : Path
     findings : tuple of Finding
-        Each has a `code`, a `severity` ("error", "warning" or "info") and a `message`.
+        Each finding has a `code`, a `severity` ("error", "warning" or "info") and a `message`.
     asset : Asset, optional
     """
 
@@ -45,7 +46,7 @@ class Validation:
 
     @property
     def valid(self) -> bool:
-        """Whether no finding is an error."""
+        """True if no finding is an error."""
         return all(item.severity != "error" for item in self.findings)
 
     @property
@@ -65,7 +66,8 @@ class Validation:
 def validate(path: str | os.PathLike[str]) -> Validation:
     """Check the asset at `path` completely, including values and hashes.
 
-    The time is proportional to the size of the asset. Buffers are read in chunks, so that memory is constant.
+    The time is proportional to the size of the asset. Buffers are read in chunks, so that memory use is
+    constant.
     """
     try:
         container = open_container(path)
@@ -94,7 +96,7 @@ def _check_bytes(asset: Asset, container: Container) -> Iterator[Finding]:
 
 
 def check_values(asset: Asset) -> list[Finding]:
-    """Return findings about values that are not finite, out of range or contradict the manifest."""
+    """Return findings about values that are not finite, are out of range, or contradict the manifest."""
     findings: list[Finding] = []
     for name, array in asset.buffers.items():
         if array.dtype.kind == "f":
@@ -110,9 +112,9 @@ def check_values(asset: Asset) -> list[Finding]:
 
 
 def _check_finite(name: str, array: NDArray[np.float32]) -> Iterator[Finding]:
-    # Infinite logits are opacities of exactly 0 or 1, which official code writes (mesh_splatting: 1.2).
+    # Infinite logits are opacities of exactly 0 or 1, which the official code writes (mesh_splatting: 1.2).
     bad = np.isnan if name == "opacity" else lambda values: ~np.isfinite(values)
-    # the array is flattened, because a single row can be as long as the file
+    # Flatten the array, because a single row can be as large as the file.
     count, first = _count(array.reshape(-1), bad)
     if count:
         text = f"buffer {name} contains {count} values that are not finite, "
@@ -121,7 +123,7 @@ def _check_finite(name: str, array: NDArray[np.float32]) -> Iterator[Finding]:
 
 
 def _check_positions(asset: Asset) -> Iterator[Finding]:
-    # Compare the bounding box with the measured one.
+    # Compare the stored bounding box with the measured box.
     positions, manifest = asset.buffers["positions"], asset.manifest
     bounds, sphere = measure_bounds(positions)
     low, high = np.array(bounds.min), np.array(bounds.max)
@@ -137,7 +139,7 @@ def _check_positions(asset: Asset) -> Iterator[Finding]:
     center, radius = np.array(manifest.bounding_sphere.center), manifest.bounding_sphere.radius
 
     def outside(rows: NDArray[np.float32]) -> NDArray[np.bool_]:
-        with np.errstate(over="ignore"):  # the centre can be as far away as 1e300
+        with np.errstate(over="ignore"):  # The centre may have coordinates of up to 1e300.
             squared = np.square(rows.astype(np.float64) - center).sum(axis=1)
         return np.asarray(np.sqrt(squared) > radius + slack)
 
@@ -201,9 +203,10 @@ def _check_color(color: NDArray[np.float32]) -> Iterator[Finding]:
 
 
 def _count(array: NDArray[Any], test: Any) -> tuple[int, int]:
-    """Return the number of elements for which `test` is true, and the index of the first one or -1.
+    """Return the number of elements for which `test` is true.
 
-    `test` takes a chunk of `array` and returns a mask. If the mask has one value per row, rows are counted.
+    Also return the index of the first such element, or -1. The argument `test` takes a chunk of `array` and
+    returns a mask. If the mask has one value per row, the function counts rows.
     """
     total, first = 0, -1
     for start in range(0, len(array), CHUNK_ROWS):

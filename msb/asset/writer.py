@@ -1,4 +1,4 @@
-"""Write an asset atomically. Equal content gives equal bytes."""
+"""Write an asset atomically. Equal content gives equal bytes in the file."""
 
 import os
 import struct
@@ -23,7 +23,7 @@ FORMS: tuple[str, ...] = get_args(Form)
 # Sizes of a local header and of its ZIP64 record, in bytes.
 _LOCAL_HEADER = 30
 _ZIP64_EXTRA = 20
-# Id of padding in the extra field, as in Android's zipalign. Readers skip unknown ids.
+# Id of padding in the extra field, which Android's zipalign also uses. Readers skip unknown ids.
 _PADDING_ID = 0xD935
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 # Members of at least this size in bytes get a ZIP64 record.
@@ -38,7 +38,7 @@ def write_asset(
     overwrite: bool = True,
     progress: Progress | None = None,
 ) -> None:
-    """Write a `.triasset` to `path`. An existing file is replaced when the new one is complete.
+    """Write a `.triasset` to `path`. An existing file is replaced when the new file is complete.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def write_asset(
     form : {"packed", "folder"}
         "packed" is a single file, a ZIP of stored members that are aligned to 64 bytes.
     overwrite : bool
-        Whether an existing file may be replaced. A folder is only replaced if it is an asset.
+        Whether an existing file may be replaced. An existing folder is replaced only if it contains an asset.
     progress : callable, optional
         Called as ``progress("writing", done, total)`` with bytes.
     """
@@ -71,7 +71,7 @@ def write_asset(
 
 
 def check_asset_folder(folder: Path) -> None:
-    """Reject an existing folder that contains files which do not belong to an asset."""
+    """Reject an existing folder with files that do not belong to an asset."""
     if not is_folder(folder) or not folder_is_taken(folder):
         return
     try:
@@ -108,14 +108,14 @@ def _check_readable(asset: Asset, path: object) -> None:
 def _members(asset: Asset) -> Iterator[tuple[str, list[Any]]]:
     """Yield the name of each file, and its bytes in chunks.
 
-    The manifest is first. The files of the buffers follow in the order of the manifest.
+    The manifest is the first file. The buffer files follow in the order of the manifest.
     """
     yield MANIFEST_NAME, [asset.manifest.to_bytes()]
     files: dict[str, list[Any]] = {}
     sizes: dict[str, int] = {}
     specs = sorted(asset.manifest.buffers.items(), key=lambda item: item[1].offset)
     for name, spec in specs:
-        # Fill the gap up to the aligned start of the buffer with zeros.
+        # Fill the gap before the aligned start of the buffer with zeros.
         gap = spec.offset - sizes.get(spec.file, 0)
         files.setdefault(spec.file, []).extend([bytes(gap), as_bytes(asset.buffers[name])])
         sizes[spec.file] = spec.offset + spec.byte_length
@@ -133,7 +133,7 @@ def _write_packed(asset: Asset, file: IO[bytes], meter: Meter) -> None:
 
 
 def stored_member(archive: zipfile.ZipFile, file: IO[bytes], name: str, size: int) -> IO[bytes]:
-    """Open a member of a ZIP for writing: stored, without a date, its data aligned to 64 bytes."""
+    """Open a member of a ZIP for writing: stored, without a date, with data aligned to 64 bytes."""
     info = zipfile.ZipInfo(name, _EPOCH)
     info.create_system = 3
     info.external_attr = 0o100644 << 16
@@ -154,6 +154,6 @@ def _padding(start: int) -> bytes:
     missing = -start % ALIGNMENT
     if missing == 0:
         return b""
-    if missing < 4:  # id and length of the record take four bytes
+    if missing < 4:  # The id and the length of the record take four bytes.
         missing += ALIGNMENT
     return struct.pack("<2H", _PADDING_ID, missing - 4) + bytes(missing - 4)

@@ -1,4 +1,7 @@
-"""Texture coordinates: one cell per face of a triangle soup, or charts by xatlas for a connected mesh."""
+"""This module makes texture coordinates.
+
+A triangle soup gets one texture cell per face. The library xatlas cuts a connected mesh into charts.
+"""
 
 from __future__ import annotations
 
@@ -18,47 +21,48 @@ from msb.topology.faces import UNWRAP_FACES, split_into_blocks
 if TYPE_CHECKING:
     from msb.base.children import Arrays
 
-# Cells of a soup.
+# Texture cells of a triangle soup.
 #
-# Number of smaller mip levels in which no texel mixes two faces. Each level doubles the margins around faces.
-# With the first number, faces must keep at least `_MIN_SCALE` times their requested side lengths; otherwise
-# the second number is used.
+# Number of smaller mip levels in which no texel mixes the colours of two faces. A second level doubles the
+# margins around the faces. If the first number would shrink the faces below `_MIN_SCALE` of their requested
+# side lengths, the second number is used.
 MIP_LEVELS = (2, 1)
 _MIN_SCALE = 0.7
-# The legs of a face are shortened by this number of texels. It exceeds the rounding error of float32
-# coordinates.
+# Both legs of a face are shortened by this number of texels. Rounding to float32 then cannot move a corner
+# out of its cell.
 _SLACK = 1 / 64
-# Steps of the bisection that finds the largest scale that fits; 16 steps find it to within 2^-15.
+# Number of bisection steps for the largest scale that fits. With 16 steps, the scale is exact to 2^-15.
 _BISECTIONS = 16
-# Largest ratio of the two legs of a face in the texture. A slimmer face would waste texels on its margin.
+# Largest ratio of the two legs of a face in the texture. A narrower face would need too many texels for its
+# margin.
 _MAX_LEG_RATIO = 4.0
 
-# Charts of a connected mesh.
+# Texture charts of a connected mesh.
 #
-# Time limit of xatlas in seconds. No mesh of the benchmarks comes near it; the limit only ensures that a bake
-# ends.
+# Time limit of xatlas in seconds. The benchmark meshes need far less time.
 _UNWRAP_LIMITS = Limits(seconds=900.0, memory=None)
-# Number of texels between two charts. It keeps charts separate in two smaller mip levels.
+# Number of texels between two charts of the texture atlas. A distance of this size keeps texture charts
+# separate in two smaller mip levels.
 _PADDING = 4
 # Texture coordinates are multiples of 1 / 65535, which files store in two bytes without loss.
 _COORDINATE_STEPS = 65535
-# Smallest scale of a chart relative to the median chart; the largest scale is its inverse. Without the
-# limits, charts that a camera sees from very near would fill the whole texture.
+# Smallest scale of a chart relative to the median chart. The largest scale is its inverse. Without limits on
+# the scale, charts that a camera views from very near would fill the whole texture.
 _MIN_CHART_SCALE = 1 / 4
 
 
 class _Cells(NamedTuple):
     """Rectangular cells of a texture and the faces in them.
 
-    Lengths are in blocks. Some of the smaller mip levels keep faces separate (`MIP_LEVELS`). A block is a
-    texel of the smallest of these levels.
+    All lengths of texture cells are in blocks. The first `MIP_LEVELS` smaller mip levels keep the faces
+    separate. A block is one texel of the smallest mip level that keeps faces separate.
     """
 
     # (C, 2) width and height of each cell.
     sides: Ints
-    # (F, 2) the lengths of the legs of each face; 0 for a face that is a point at the centre of a texel.
+    # (F, 2) the lengths of the legs of each face. A face that is only a point has the length 0.
     legs: Ints
-    # (F,) the index of the cell of each face.
+    # (F,) the index of the cell that holds each face.
     cell: Ints
     # (F,) the index of each face among the faces of its cell.
     number: Ints
@@ -67,11 +71,10 @@ class _Cells(NamedTuple):
 def make_soup_atlas(corners: NDArray[Any], pixels: Floats, size: int) -> Singles:
     """Return texture coordinates (3F, 2) of faces that share no vertices, in a texture of size x size texels.
 
-    In the texture, each face is a right triangle. The ratio of the triangle's legs is that of the two shorter
-    sides of the face. The triangle's area in texels is the number of pixels that show the face. If the
-    texture is too small, all areas are reduced by the same factor. Faces also stay separate in smaller mip
-    levels, see `MIP_LEVELS`. A face becomes a point of one colour if no pixel shows it or if its longer leg
-    is below half a block.
+    In the texture, each face is a right triangle. The ratio of the triangle's two legs is the ratio of the
+    two shorter sides of the face. The triangle's area in texels is the number of pixels that show the face.
+    If the texture is too small, all areas are reduced by the same factor. A face becomes a point of one
+    colour if no pixel shows the face or if its longer leg is below half a block.
 
     Parameters
     ----------
@@ -88,9 +91,11 @@ def make_soup_atlas(corners: NDArray[Any], pixels: Floats, size: int) -> Singles
     """
     points = corners.astype(np.float64)
     sides = np.linalg.norm(points[:, [1, 2, 0]] - points[:, [2, 0, 1]], axis=2)
-    # The right angle is at the corner across from the longest side, and the longer leg lies along a row.
+    # The right angle is at the corner across from the longest side. The longer leg lies along a row of
+    # texels.
     order = np.argsort(-sides, axis=1, kind="stable")[:, [0, 2, 1]]
-    # Legs (F, 2) in texels. Their product is twice the number of pixels, and their ratio is limited.
+    # Legs (F, 2) in texels. The product of the two legs is twice the number of pixels, and their ratio is
+    # limited.
     short, long = np.sort(sides, axis=1)[:, :2].T
     ratio = np.clip(np.divide(long, short, out=np.ones_like(long), where=short > 0), 1, _MAX_LEG_RATIO)
     legs = np.sqrt(2 * np.maximum(pixels, 0)[:, None] * np.stack([ratio, 1 / ratio], axis=1))
@@ -101,16 +106,17 @@ def make_soup_atlas(corners: NDArray[Any], pixels: Floats, size: int) -> Singles
             break
     if places is None:
         text = f"{len(pixels):,} faces do not fit into a texture of {size} x {size} texels"
-        raise UsageError("USAGE", f"{text}; pass a larger --texture")
+        raise UsageError("USAGE", f"{text}; pass a larger value of --texture")
     uvs = np.zeros((len(pixels), 3, 2))
     np.put_along_axis(uvs, order[..., None], _place_corners(cells, places, block) / size, axis=1)
     return uvs.reshape(-1, 2).astype(np.float32)
 
 
 def _pack(legs: Floats, blocks: int, block: int) -> tuple[float, _Cells, Ints | None]:
-    """Return the largest scale up to 1 at which legs (F, 2) fit, the cells, and their places (C, 2).
+    """Return the largest possible scale of the faces in the texture, their cells, and the places (C, 2) of
+    the cells.
 
-    The places are None if the cells do not even fit at scale 0.
+    The scale is at most 1. The places are None if no scale fits.
     """
     low, high = 0.0, 2.0
     for _ in range(_BISECTIONS):
@@ -126,26 +132,27 @@ def _pack(legs: Floats, blocks: int, block: int) -> tuple[float, _Cells, Ints | 
 
 
 def _make_cells(legs: Floats, block: int) -> _Cells:
-    """Return cells for faces with legs (F, 2); the legs, in blocks, are rounded to whole blocks.
+    """Return cells for faces with legs (F, 2) in blocks, rounded up to whole blocks.
 
-    Sampling a mip level interpolates between texel centres. Therefore a single face needs a margin of half a
-    block on all sides. Two faces in one cell need two more blocks between them in each direction.
+    Sampling a mip level interpolates between texel centres. A single face in a texture therefore needs a
+    margin of half a block on all sides. Two faces in one cell need two more blocks between them in each
+    direction.
     """
     whole = np.rint(legs).astype(np.int64)
     whole = np.where(whole[:, :1] > 0, np.maximum(whole, 1), 0)
-    # If it saves room, two faces share a cell; one of them is rotated by 180 degrees.
+    # If pairing needs less space, two faces share a cell, and one of these faces is rotated by 180 degrees.
     is_point = whole[:, 0] == 0
     is_paired = (whole + 3).prod(axis=1) < 2 * (whole + 1).prod(axis=1)
     sides = []
     cell, number, count = np.zeros(len(legs), np.int64), np.zeros(len(legs), np.int64), 0
-    # For single faces and for pairs: the mask of these faces, the number of faces per cell, and the margin of
-    # a cell in blocks.
+    # Describe single faces and pairs: the mask of the faces, the faces per cell, and the margin of a cell in
+    # blocks.
     for chosen, per_cell, margin in (
         (is_paired, 2, 3),
         (~is_paired & ~is_point, 1, 1),
         (is_point, block * block, 1),
     ):
-        # Sort by size, so that faces of similar legs share a cell.
+        # Sort the faces by size, so that faces with similar legs share a cell.
         faces = np.flatnonzero(chosen)
         faces = faces[np.lexsort((-whole[faces, 0], -whole[faces, 1]))]
         cell[faces], number[faces] = np.divmod(np.arange(len(faces)), per_cell)
@@ -158,14 +165,17 @@ def _make_cells(legs: Floats, block: int) -> _Cells:
 
 
 def _fill_rows(sides: Ints, blocks: int) -> Ints | None:
-    """Place cells in rows, the highest first; return their places (C, 2), or None if they do not fit."""
+    """Place texture cells in rows, the highest first.
+
+    Return the places (C, 2) of the cells. Return None if the cells do not fit.
+    """
     order = np.lexsort((-sides[:, 0], -sides[:, 1]))
     width, height = sides[order].T
     ends = np.cumsum(width)
     places = np.zeros_like(sides)
     first = y = 0
     while first < len(sides):
-        # A row holds as many cells as fit in its width. It is as high as its first cell.
+        # A row holds as many cells as fit in its width. A row is as high as its first cell.
         left = ends[first] - width[first]
         last = int(np.searchsorted(ends, left + blocks, side="right"))
         if last == first or y + height[first] > blocks:
@@ -179,11 +189,11 @@ def _fill_rows(sides: Ints, blocks: int) -> Ints | None:
 
 
 def _place_corners(cells: _Cells, places: Ints, block: int) -> Floats:
-    """Return the corners (F, 3, 2) of faces in texels: at the right angle, then along x and along y."""
+    """Return the corners (F, 3, 2) of faces in texels, first the corner with the right angle."""
     place, sides = (block * values[cells.cell][:, None] for values in (places, cells.sides))
     legs = block * cells.legs[:, None]
     corners = block / 2 + (legs - _SLACK) * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    # The second face of a cell is rotated by 180 degrees; points lie at the centres of texels.
+    # Rotate the second face of a cell by 180 degrees. Place faces without size at texel centres.
     turned = np.where(cells.number[:, None, None] > 0, sides - corners, corners)
     points = np.stack([cells.number % block, cells.number // block], axis=1)[:, None] + 0.5
     return np.asarray(place + np.where(legs > 0, turned, points))
@@ -197,8 +207,8 @@ def make_chart_atlas(vertices: NDArray[Any], faces: Ints, pixels: Floats, size: 
     vertices : (V, 3) float
     faces : (F, 3) int64
     pixels : (F,) float64
-        The number of pixels that show each face. The area of a chart in texels is proportional to the sum
-        over its faces.
+        The number of pixels that show each face. The area of a chart in texels is proportional to the pixels
+        of its faces.
     size : int
         Texels along a side.
 
@@ -227,17 +237,19 @@ def make_chart_atlas(vertices: NDArray[Any], faces: Ints, pixels: Floats, size: 
 
 def need_xatlas() -> None:
     """Raise a UsageError, EXTRA_MISSING, if xatlas is not installed."""
-    need_extra("trial", "xatlas", what="a texture on a surface", instead="vertex colours need no library")
+    need_extra(
+        "trial", "xatlas", what="a texture on a closed surface", instead="vertex colours need no library"
+    )
 
 
 def unwrap_in_child(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
-    """Unwrap a mesh for a texture of `word` texels along a side (a `Work` of `msb.base.children`)."""
+    """Unwrap a mesh for a texture of `word` texels along a side, as a `Work` of `msb.base.children`."""
     import xatlas
 
     packing = xatlas.PackOptions()
     packing.resolution, packing.padding, packing.bilinear = int(word), _PADDING, True
     plane, faces, chart = _merge_charts(arrays, *_cut_charts(arrays["vertices"], arrays["faces"]))
-    # Scale each chart so that its area is the number of pixels of its faces, within limits.
+    # Scale each chart so that its area in texels is the number of pixels of its faces, within limits.
     face_chart = chart[faces[:, 0]]
     area, pixels = (
         np.bincount(face_chart, values, len(plane))
@@ -252,8 +264,8 @@ def unwrap_in_child(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
     )
     packed.generate(pack_options=packing)
     _, faces, uv = packed[0]
-    # The atlas has only about the requested size. All charts are scaled to it by one factor, so they stay
-    # undistorted.
+    # xatlas matches the requested atlas size only approximately. Scale all charts by one factor to the exact
+    # size, so that they stay undistorted.
     sides = np.array([packed.width, packed.height])
     places = np.rint(uv.astype(np.float64) * sides / sides.max() * _COORDINATE_STEPS)[faces]
     uvs = (places / _COORDINATE_STEPS).reshape(-1, 2).astype(np.float32)
@@ -261,13 +273,13 @@ def unwrap_in_child(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
 
 
 def _merge_charts(arrays: Arrays, plane: Floats, faces: Ints, chart: Ints) -> tuple[Floats, Ints, Ints]:
-    """Return flat charts as `_cut_charts` does, with small charts merged into their neighbours."""
+    """Return flat charts like `_cut_charts`, with small charts merged into their neighbours."""
     vertices, whole = arrays["vertices"].astype(np.float64), arrays["faces"].astype(np.int64)
     corners, face_chart = merge_small_charts(vertices, whole, plane[faces], chart[faces[:, 0]])
-    # Corners of one vertex at one place of a chart are one vertex of the chart.
+    # Merge corners with the same vertex and the same place in a chart into one vertex of the chart.
     keys = np.column_stack([np.repeat(face_chart, 3), whole.reshape(-1), corners.reshape(-1, 2)])
     rows, joined = np.unique(keys, axis=0, return_inverse=True)
-    # Number the charts without gaps.
+    # Renumber the charts consecutively.
     numbers = np.unique(rows[:, 0], return_inverse=True)[1]
     return (
         np.ascontiguousarray(rows[:, 2:]),
@@ -286,7 +298,7 @@ def _cut_charts(vertices: Singles, faces: NDArray[np.uint32]) -> tuple[Floats, I
         used, local = np.unique(faces[block], return_inverse=True)
         cut.add_mesh(vertices[used], local.reshape(-1, 3).astype(np.uint32))
     cut.generate()
-    # Join the blocks again, with vertices numbered one block after the other.
+    # Join the blocks again. Number the vertices one block after the other.
     joined = np.zeros(faces.shape, np.int64)
     places: list[Floats] = []
     charts: list[Ints] = []
@@ -298,8 +310,8 @@ def _cut_charts(vertices: Singles, faces: NDArray[np.uint32]) -> tuple[Floats, I
         places.append(uv.astype(np.float64) * (cut.width, cut.height))
         charts.append(np.asarray(cut.get_mesh_vertex_assignment(number)[1]).astype(np.int64))
     chart = np.concatenate(charts)
-    # xatlas assigns faces without an area to no chart and gives them a huge chart number. They are invisible,
-    # so any chart will do.
+    # xatlas assigns faces without an area to no chart. These charts get a huge chart number. Faces without an
+    # area are invisible, so any chart is suitable.
     chart[chart >= cut.chart_count] = 0
     return np.concatenate(places), joined, chart
 

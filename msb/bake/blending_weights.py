@@ -1,4 +1,4 @@
-"""How much each face contributes to native renderings, and how many pixels show each face of a mesh."""
+"""This module measures the blending weight of each face and the number of pixels that show each face."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ _UNSEEN_COLOR = 0.5
 
 @dataclass(frozen=True, eq=False)
 class BlendingWeights:
-    """Sums over all pixels of all images, for F faces.
+    """Sums over all pixels of all images, for F faces of a model.
 
     Attributes
     ----------
@@ -46,12 +46,13 @@ def measure_blending_weights(
 ) -> BlendingWeights | None:
     """Return the blending weights of the faces of `asset` in the views of `images`.
 
-    They are measured on the dedicated tier, or on the standard tier if the method has no native rendering.
-    Return None if the renderer does not report which face a pixel shows. Raises the errors of `msb.Renderer`.
+    The weights are measured on the dedicated tier, or on the standard tier if the method has no native
+    rendering. Return None if the renderer does not report which face a pixel shows. Raises the errors of
+    `msb.Renderer`.
     """
     tier: Tier = "standard" if why_not(asset.manifest, "dedicated") else "dedicated"
     views = ((camera, images.image(number)) for number, camera in enumerate(images.cameras))
-    # Sums (F, 4): weight times RGB, and weight.
+    # Sums (F, 4) per face: blending weight times RGB, and blending weight.
     sums = np.zeros((asset.manifest.face_count, 4))
     for shares in shares_by_view(asset, views, tier=tier, device=device):
         if shares is None:
@@ -69,7 +70,7 @@ def count_pixels_by_view(
     mesh: Mesh, cameras: Iterable[Camera], device: str | Device | None = None
 ) -> Iterator[Ints]:
     """Yield for each camera the number of pixels (F,) that show each face of an opaque mesh."""
-    # Without colours the mesh would be lit.
+    # A mesh without colours would be drawn with lighting.
     black = replace(mesh, vertex_colors=np.zeros((len(mesh.vertices), 3), np.uint8))
     with Renderer(asset_from_mesh(black), "standard", device) as renderer:
         for camera in cameras:

@@ -1,4 +1,4 @@
-"""The candidate `fitted`: a triangle soup, pruned, moved and coloured until the opaque image matches."""
+"""The candidate `fitted`: a triangle soup, pruned, moved and coloured until its opaque image matches."""
 
 import math
 import time
@@ -19,29 +19,29 @@ from msb.bake.opaque_model import hide_stray_faces, prune_faces, to_opaque_mesh
 from msb.bake.soup import Soup
 from msb.meshes.mesh import Mesh
 
-# Rounds that hide faces before any face moves. A round tries 8 % of the faces, so 12 rounds try each face
-# about once.
+# Number of face-selection rounds that hide faces before any face moves. A selection round tries 8 % of the
+# faces, so 12 rounds try each face about once.
 _HIDING_ROUNDS = 12
-# Steps of the descent without a time limit: about 20 s for a demo model on two cores.
+# Number of descent steps without a time limit: about 20 s for a demo model on two cores.
 _STEPS = 400
-# Step length at the start and at the end, relative to the size of a face. 400 steps can move a corner by
-# about three face sizes.
+# Length of a descent step at the start and at the end, relative to the size of a face. 400 steps can move a
+# corner by about three face sizes.
 _STEP_LENGTHS = 0.015, 0.0005
-# Pixels of the largest image that moves faces. Larger images take longer in proportion.
+# Number of pixels of the largest image that is used to move faces. Moving faces takes longer in proportion to
+# the size of the images.
 PIXELS_TO_MOVE = 1 << 18
-# The colours of a method without static colours vary within each face. Its faces are therefore cut into four,
-# unless their number would then exceed this limit or the face budget. More faces would be too small for the
-# pixels of the images.
+# If a method has no static colours, the colours vary within each face. Faces with varying colours are cut
+# into four faces. Faces stay whole if the new number of faces would exceed this limit or the face budget.
+# With more faces, each face would cover too few pixels of the images.
 _MAX_QUARTERED = 20_000
-# The default face budget is one face per 2.5 pixels of the model in an average view, or in an average image
-# that moves faces if it is smaller. Smaller faces follow the pixel grid of the training images, and the PSNR
-# of other views falls.
+# The default face budget is one face per 2.5 pixels that the model covers in an average view. With smaller
+# faces, the faces follow the pixel grid of the training images, and the PSNR of other views falls.
 _PIXELS_PER_FACE = 2.5
-# If the budget allows more faces, the largest ones are halved, until there is one piece per 5.5 pixels of a
-# view. More pieces reduce the PSNR.
+# If the budget allows more faces, the largest faces are halved until there is one piece per 5.5 pixels of a
+# view. Further halving of faces reduces the PSNR.
 _PIXELS_PER_PIECE = 5.5
 # The target size of a piece grows by this factor until the number of pieces is within the limit. With this
-# factor the number is at most about 9 % below the limit.
+# growth, the number of pieces is at most about 9 % below the limit.
 _PIECE_GROWTH = 2 ** (1 / 8)
 
 
@@ -56,9 +56,9 @@ def make_fitted(
 ) -> tuple[Mesh, list[str]]:
     """Return an opaque soup made of the triangles of `asset`, with corner colours, and notes for the user.
 
-    Triangles are pruned by their blending weights. Then they are moved, hidden and shown until they match the
-    training images. The validation images decide which state is best. Without a limit of `seconds`, every
-    run on one device has the same result.
+    Triangles are pruned by their blending weights. The remaining triangles are moved, hidden and shown until
+    they match the training images. The validation images decide which state is best. Without a limit of
+    `seconds`, repeated fits on one device give equal results.
 
     If the images have too few pixels per triangle, no triangle is moved. With `faces`, the triangles that
     cover the most pixels are then selected.
@@ -68,8 +68,8 @@ def make_fitted(
     faces : int, optional
         The face budget.
     pixels : int, optional
-        The number of pixels of a view. Without `faces`, the number of those that show the model gives the
-        face budget. Large faces are halved if the budget has room for more faces.
+        The number of pixels of a view. Without `faces`, the face budget is the number of triangles that
+        contribute to the images. Large faces are halved if the budget allows more faces.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def make_fitted(
         best = BestState(validation)
         prune_faces(soup, asset, renderer, best, weights)
         soup = best.soup
-        # How many pixels (F,) of an average view show each selected face, and the share of the view that all
+        # Compute the average number of pixels (F,) of each selected face, and the share of the view that all
         # faces cover.
         face_pixels = count_pixels(soup.refit_colors(renderer))[soup.selected] / len(renderer.images)
         covered = face_pixels.sum() / renderer.pixels_per_face(1)
@@ -107,7 +107,9 @@ def make_fitted(
                 soup.refit_colors(renderer)
             average = renderer.pixels_per_face(soup.selected_count)
             text = f"{soup.selected_count:,} triangles have {average:.1f} pixels each in an average view"
-            return soup.to_mesh(), [f"{text}, too few to move them; they were only selected and coloured"]
+            return soup.to_mesh(), [
+                f"{text}, which is too few to move triangles; they were only selected and coloured"
+            ]
         for _ in range(_HIDING_ROUNDS):
             toggle_faces(soup, renderer, random, show=False)
         if budget is not None:
@@ -125,8 +127,8 @@ def make_fitted(
 def _plan_halving(pixels: Floats, most: int) -> Ints:
     """Return how often to halve each face (F,), so that there are at most `most` pieces.
 
-    `pixels` (F,) is the number of pixels that a face covers. All pieces cover about the same number of
-    pixels, at least `FINE_PIXELS`.
+    The argument `pixels` (F,) is the number of pixels that a face covers. All pieces cover about the same
+    number of pixels, at least `FINE_PIXELS`.
     """
     times = np.zeros(len(pixels), np.int64)
     piece = FINE_PIXELS

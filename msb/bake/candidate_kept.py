@@ -11,28 +11,28 @@ from msb.meshes.mesh import Mesh
 from msb.repair.assets import repair_mesh
 from msb.repair.plan import Options
 
-# The face selection: the largest number of rounds, and the number of rounds between two validations. The
-# third number is a number of successive validations; if none of them is a gain, the selection ends. A round
-# tries 8 % of the faces, so 60 rounds try each face about five times.
+# The face selection has a largest number of rounds, and a number of rounds between two validations. The last
+# number ends the selection after this many successive validations without a gain. A selection round tries 8 %
+# of the faces, so 60 rounds try each face about five times.
 _ROUNDS, _VALIDATION_STEP, _PATIENCE = 60, 5, 6
-# Pixels of the largest image that selects faces. Larger images take longer; colours are fitted to the full
-# images in any case.
+# Number of pixels of the largest image that is used to select faces. Selection takes longer with larger
+# images. Colours are always fitted to the full images.
 _SELECTION_PIXELS = 1 << 17
-# Number of pixels of an average view per face below which faces are selected with images of four times the
-# pixels. With the larger images a garden of small faces reaches 21.8 dB.
+# If faces cover fewer pixels than this in an average view, the selection uses images with four times the
+# pixels. With the larger images, the fit of a garden scene with small faces reaches 21.8 dB.
 FINE_PIXELS = 4.0
-# Number of pixels of an average view per face below which faces are neither selected nor moved, because
-# sampling noise would decide.
+# If faces cover fewer pixels than this in an average view, no face is selected or moved. Sampling noise would
+# determine the result.
 MIN_FACE_PIXELS = 2.0
 
 
 def make_kept(asset: Asset, context: SearchContext, weights: BlendingWeights | None = None) -> Mesh:
-    """Return the model's triangles without pruned ones, with vertex colours fitted to the training images.
+    """Return the model's triangles after pruning, with vertex colours fitted to the training images.
 
     The validation images decide which triangles are pruned. If the images are standard-tier images of the
     same triangles, no triangle is pruned. Shared vertices stay shared and have one colour. A mesh that is not
-    manifold or not consistently wound is repaired. Unseen triangles of a connected mesh keep their colours;
-    those of a soup are dropped.
+    manifold or not consistently wound is repaired. Unseen triangles of a connected mesh keep their colours.
+    Unseen triangles of a soup are dropped.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def make_kept(asset: Asset, context: SearchContext, weights: BlendingWeights | N
     opaque = to_opaque_mesh(asset)
     soup = Soup.from_mesh(opaque, share_colors=True)
     mesh = None if soup.shared is None else opaque
-    del opaque  # millions of faces take much memory, and a soup no longer needs them
+    del opaque  # Free the soup, because millions of faces take much memory.
     if not context.shows_model_mesh:
         context.progress("choosing faces", 0, _ROUNDS)
         with limit_for_selection(context, soup.selected_count).open_renderers(soup) as renderers:
@@ -55,20 +55,20 @@ def make_kept(asset: Asset, context: SearchContext, weights: BlendingWeights | N
 
 
 def rejoin_cuts(mesh: Mesh) -> Mesh:
-    """Return a kept mesh for a texture: merge the cuts that only its vertex colours needed."""
+    """Return a kept mesh without the cut edges that only vertex colours need."""
     if is_uncut_soup(mesh.vertices, mesh.faces):
         return mesh
     whole = merge_seams(mesh)
     if whole is mesh:
         return mesh
-    # The repair in `make_kept` treated the two sides of a cut as unconnected. So repair the merged mesh,
-    # which also restores the cuts of the first repair.
+    # The first repair treated the two sides of a cut edge as unconnected. The merged mesh is repaired again,
+    # which also restores the cut edges of the first repair.
     repaired = repair_mesh(whole, Options())[0]
     return repaired if len(repaired.vertices) < len(mesh.vertices) else mesh
 
 
 def limit_for_selection(context: SearchContext, faces: int) -> SearchContext:
-    """Return the context with images of as many pixels as a selection among `faces` faces needs."""
+    """Return the context with images that are large enough to select among `faces` faces."""
     usual, larger = (context.limited_to(factor * _SELECTION_PIXELS) for factor in (1, 4))
     is_fine = usual.training.max_pixels >= FINE_PIXELS * faces
     is_hopeless = larger.training.max_pixels < MIN_FACE_PIXELS * faces

@@ -1,6 +1,6 @@
 """The candidate `surface`: a closed surface of few faces.
 
-Depth maps vote on which cells of a grid are solid, and the surface encloses the solid cells.
+Depth maps vote which grid cells are solid, and the surface encloses the solid cells.
 """
 
 import math
@@ -38,36 +38,39 @@ from msb.errors import AssetError
 from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
 
-# Default face budget of an object. More faces raise the PSNR and follow the dents of the depth maps: from
-# 8,000 to 12,000 faces a demo surface gained 0.3 dB, and its normals became 1 degree worse.
+# Default face budget of an object. More faces raise the PSNR, but they follow the dents of the depth maps.
+# With 12,000 instead of 8,000 faces, a demo surface gained 0.3 dB and its normals became 1 degree worse.
 OBJECT_FACES = 10_000
-# Smallest and largest default face budget of a scene. Within these limits, the budget is one face per 2
-# pixels of a view. More faces make each step slower.
+# Smallest and largest default face budget of a scene. Between these two limits, the face budget is one face
+# per 2 pixels of a view. A larger face budget makes each step slower.
 SCENE_FACES = 20_000, 50_000
 _PIXELS_PER_FACE = 2
-# Cells along the longest side of the first grid. Half and twice as many are tried as well.
+# Number of cells along the longest side of the first grid. Grids with half and twice as many cells are tried
+# as well.
 CELLS = 144
-# The coarsest grid that is tried has this number of cells along its longest side: 144 halved three times.
+# The coarsest grid has 144 / 8 cells along its longest side.
 _MIN_CELLS = 18
-# Try 288 cells only if 144 cells have less than 75 % of the error of 72 cells. Otherwise the finer grid
-# follows the noise of the soup, which moving vertices does not remove. On an uneven soup, 288 cells lost up
-# to 8 dB. Where the condition holds, they gained up to 1.4 dB.
+# A grid of 288 cells per side is tried if the error with 144 cells is below 75 % of the error with 72 cells.
+# Without this condition, a finer grid would follow the noise of the soup. Moving vertices does not remove
+# this noise. With an uneven soup, a grid of 288 cells lost up to 8 dB. Grids below this error ratio gain up
+# to 1.4 dB.
 _MAX_ERROR_RATIO = 0.75
-# If the time limit for moving vertices is below this number of seconds, only one grid is tried, because
-# further grids of a scene would take many times as long.
+# If the time limit for moving vertices is below this value, only one grid is tried. For a scene, further
+# grids would take many times as long.
 _MIN_SECONDS_TO_COMPARE = 2.0
-# A note reports a face count that differs from the budget by more than this factor.
+# A note is printed if the face count differs from the budget by more than this factor.
 _BUDGET_TOLERANCE = 1.25
-# Up to this face budget, a reduction in two steps is tried as well, because it preserves thin parts. With a
-# larger budget it is rarely better.
+# Up to this face budget, a reduction in two steps is also tried, because two steps preserve thin parts. With
+# a larger budget the reduction in two steps is rarely better.
 _TWO_STEP_FACES = 4_000
-# The error of a state is multiplied by this power of its bending, relative to the start of the search. So
-# 10 % more bending must gain 0.2 dB.
+# The error of a search state is multiplied by this power of its bending, divided by the bending at the start.
+# Therefore a surface with 10 % more bending must have a PSNR gain of 0.2 dB.
 _BENDING_POWER = 0.5
-# A surface from a model's own depths: turns of smoothing before faces are removed, and steps that move the
-# vertices. Fairing and more steps cost detail, such as the features of a face, and up to 0.4 dB.
+# These values apply to a surface from a model's own depths. The values are the rounds of smoothing before the
+# face reduction, and the steps that move the vertices. Fairing and more steps cost detail, such as the
+# features of a face, and up to 0.4 dB.
 _SMOOTH_TURNS, _OWN_DEPTH_STEPS = 10, 1
-# A part that covers less than this share of the pixels of all views is a speck and is removed.
+# A part is removed as a speck if it covers less than this share of the pixels of all views.
 MIN_PART_SHARE = 1e-4
 
 
@@ -82,7 +85,7 @@ class ClosedSurface(NamedTuple):
 class ReducedSurface(NamedTuple):
     """A closed surface with about `budget` faces, reduced from `original_faces` faces.
 
-    `error` is the validation error of the surface with the best vertex colours.
+    The field `error` is the validation error of the surface with the best vertex colours.
     """
 
     surface: ClosedSurface
@@ -101,13 +104,13 @@ def make_surface(
 ) -> tuple[Mesh, list[str]]:
     """Return a closed, manifold, consistently wound mesh that looks like `model`, and notes for the user.
 
-    The model is an opaque soup, or Gaussians. Its depths in the training views define a solid. The boundary
-    of the solid is reduced to about `faces` faces. By default there are as many faces as views of `pixels`
-    pixels can show. Then its vertices are moved for at most `seconds`, and the state with the smallest
-    validation error is kept. The result has vertex colours.
+    The model is an opaque soup, or Gaussians. The depths of the model in the training views define a solid.
+    The boundary of the solid is reduced to about `faces` faces. The default number of faces follows from the
+    number of `pixels` of a view. The vertices are then moved for at most `seconds`, and the state with the
+    smallest validation error is kept. The resulting mesh has vertex colours.
 
-    An object is enclosed from outside. A scene reaches beyond its cameras and is enclosed from inside: its
-    faces look inwards, and a far shell shows the sky.
+    An object is enclosed from outside. A scene is enclosed from inside: its faces look inwards, and a distant
+    shell shows the sky.
 
     Raises
     ------
@@ -131,9 +134,9 @@ def make_surface(
 
 
 def _choose_grid(reduce_grid: Callable[[int], ReducedSurface]) -> ReducedSurface:
-    """Try several numbers of cells; return the surface with the smallest validation error.
+    """Make surfaces with several grid sizes. Return the surface with the smallest validation error.
 
-    A coarse grid is better for a soup that is seen in few views. A fine grid suits thin parts such as leaves.
+    A coarse grid is better for a soup that only few views show. A fine grid suits thin parts such as leaves.
     """
     best, coarse = reduce_grid(CELLS), reduce_grid(CELLS // 2)
     if best.error < _MAX_ERROR_RATIO * coarse.error:
@@ -156,8 +159,8 @@ def enclose(
 ) -> ClosedSurface:
     """Return the closed surface around the visible parts of a soup, or of Gaussians.
 
-    `cells` is the number of cells along the longest side, for an object and for a scene. `margin` is the
-    distance in cells from an object at which its unseen sides are closed.
+    The argument `cells` is the number of cells along the longest side, for an object and for a scene. The
+    argument `margin` is the distance in cells between an object and the planes that close its unseen sides.
 
     Raises
     ------
@@ -173,7 +176,7 @@ def enclose(
     with closing(renderer):
         points = renderer.sample_visible_points(cameras)
         if not len(points):
-            text = "no view sees an opaque part of the model, so no surface can be made; pass other cameras"
+            text = "no view shows an opaque part of the model, so no surface can be made; pass other cameras"
             raise AssetError("TRIASSET_EMPTY", text)
         space = Space.fit(points, cameras)
         is_scene = space.contracted
@@ -205,7 +208,7 @@ def _drop_specks(
 
 
 def _count_pixels(surface: ClosedSurface, cameras: Sequence[Camera], device: str | Device | None) -> Ints:
-    """Return the number of pixels (F,) of all cameras that show each face."""
+    """Return the number of pixels (F,) over all cameras that show each face."""
     counts = count_pixels_by_view(_to_mesh(surface), cameras, device)
     return sum(counts, np.zeros(len(surface.faces), np.int64))
 
@@ -225,13 +228,13 @@ def refit_surface(
 ) -> tuple[Mesh, list[str]]:
     """Return a surface like `surface` with about `count` faces, fitted to the images, and notes for the user.
 
-    Its vertices move for `steps` steps, or until `seconds` are over. Unseen parts take the colours of
+    The vertices move for `steps` steps, or until `seconds` are over. Unseen parts copy the colours of
     `colored`.
 
     Raises
     ------
     AssetError
-        TRIASSET_EMPTY: nothing is left with this number of faces.
+        TRIASSET_EMPTY: no surface is left with this number of faces.
     DeviceError
     """
     return _fit_surface(_reduce(surface, count, context), context, seconds, steps, colored)
@@ -257,10 +260,10 @@ def _fit_surface(
     steps: int | None = None,
     colored: Mesh | None = None,
 ) -> tuple[Mesh, list[str]]:
-    """Return a surface with its vertices moved and coloured to match the images, and notes for the user."""
+    """Return a surface whose vertices were moved and coloured to match the images, and notes for the user."""
     (points, faces, space), budget, original_faces, _ = reduced
     if not len(faces):
-        text = f"no closed surface is left with {budget} faces; request more faces"
+        text = f"no closed surface is left with {budget} faces; pass a larger number of faces"
         raise AssetError("TRIASSET_EMPTY", text)
     mesh = _to_mesh(reduced.surface)
     start = mesh if colored is None else copy_nearest_colors(colored, mesh)
@@ -282,20 +285,20 @@ def _fit_surface(
     if len(faces) > _BUDGET_TOLERANCE * budget:
         notes.append(f"the surface needs {len(faces):,} faces instead of {budget:,} to stay closed")
     elif len(faces) * _BUDGET_TOLERANCE < min(budget, original_faces):
-        text = f"the surface has {len(faces):,} faces instead of {budget:,}"
+        text = f"the surface has {len(faces):,} faces instead of the requested {budget:,}"
         notes.append(f"{text}, because unseen parts were removed")
     crossing = closed_mesh.find_crossing_faces(
         space.from_world(mesh.vertices.astype(np.float64)), faces, space
     )
     if len(crossing):
-        notes.append(f"{len(crossing):,} faces of the surface cross others and could not be repaired")
+        notes.append(f"{len(crossing):,} faces of the surface cross other faces and could not be repaired")
     return mesh, notes
 
 
 def _make_shape_weight(points: Floats, faces: Ints, space: Space) -> Callable[[Soup], float]:
-    """Return a function that weighs the error of a state: states that bend more than the start cost more.
+    """Return a function that computes a factor for the error of a state. More bending increases the factor.
 
-    Without it, a fraction of a dB would bring back dents (see `_BENDING_POWER`).
+    Without a factor for bending, a fraction of a dB would bring back dents (see `_BENDING_POWER`).
     """
     everything = np.ones(len(faces), bool)
     start = measure_bending(space.to_world(points), faces, everything).bending
@@ -310,12 +313,12 @@ def _make_shape_weight(points: Floats, faces: Ints, space: Space) -> Callable[[S
 
 
 def _reduce(surface: ClosedSurface, budget: int, context: SearchContext) -> ReducedSurface:
-    """Return the best of two or three surfaces with about `budget` faces and without crossings.
+    """Make two or three surfaces with about `budget` faces and without crossing faces.
 
-    For the first surface, unseen parts are made coarse beforehand. This is best unless the coarse parts cut
-    through visible ones. The second surface keeps unseen parts as they are. If the budget is small, a third
-    surface is made in two steps: it is reduced to twice as many faces, thin parts are repaired, and it is
-    reduced again.
+    Return the best surface. In the first surface, unseen parts are made coarse before the reduction. The
+    second surface is best unless coarse parts cut through visible parts of the surface. In the second
+    surface, unseen parts are not made coarse. With a small budget, a third surface is made. The third surface
+    is reduced to twice as many faces, its thin parts are repaired, and it is reduced again.
     """
     budget, original_faces = max(budget, MIN_CLOSED_FACES), len(surface.faces)
     cameras, space = context.training.cameras, surface.space
@@ -338,12 +341,15 @@ def _reduce_uncrossed(surface: ClosedSurface, count: int, context: SearchContext
     if not context.has_own_depths:
         points = space.clamp(space.from_world(fair(space.to_world(points), faces)))
     reduced = closed_mesh.remove_crossings(points, faces, space)
-    # Thin parts fall apart with fewer faces and leave specks.
+    # With fewer than twice the requested faces, thin parts fall apart and leave specks.
     return _drop_specks(ClosedSurface(*reduced, space), context.training.cameras, context.device)
 
 
 def _measure_validation_error(surface: ClosedSurface, context: SearchContext) -> float:
-    """Return the validation error of a surface with the best vertex colours; infinite without a face."""
+    """Return the validation error of a surface with the best vertex colours.
+
+    Without faces, the error is infinity.
+    """
     if not len(surface.faces):
         return math.inf
     soup = Soup.from_mesh(_to_mesh(surface), share_colors=True)
@@ -353,7 +359,7 @@ def _measure_validation_error(surface: ClosedSurface, context: SearchContext) ->
 
 
 def _move_vertices(mesh: Mesh, soup: Soup) -> Mesh:
-    """Return `mesh` with its vertices at the corners of `soup`."""
+    """Return `mesh` with its vertices moved to the corners of `soup`."""
     vertices = mesh.vertices.copy()
     vertices[mesh.faces.reshape(-1)] = soup.corners.reshape(-1, 3)
     return Mesh(vertices, mesh.faces)

@@ -1,8 +1,9 @@
 """Merges small texture charts into their neighbours, face by face.
 
-xatlas leaves many charts of a few faces. Nobody can paint on them, and each wastes texels on its margin. A
-face of a small chart is unfolded into the plane of a neighbouring chart, about the edge that both share. The
-face keeps its size, or becomes flatter where there is less room. It must not overlap the chart.
+xatlas leaves many charts of a few faces. Small charts cannot be painted by hand, and each chart wastes texels
+on its margin. A face of a small chart is unfolded into the plane of a neighbouring chart, about their shared
+edge. The face keeps its size, or becomes flatter if the space is too small. The unfolded face must not
+overlap the chart.
 """
 
 from __future__ import annotations
@@ -16,18 +17,18 @@ import numpy as np
 from msb.bake.arrays import Floats, Ints
 from msb.topology.faces import face_vectors
 
-# Charts with fewer faces are merged into larger ones.
+# Charts with fewer faces than this are merged into larger charts.
 MIN_CHART_FACES = 50
-# An unfolded corner takes the place of the same vertex in the chart if both are nearer than this share of the
-# shared edge. Otherwise the corner is a seam.
+# An unfolded corner may lie near the place of the same vertex in the chart. The corner moves to this place if
+# the distance is below this share of the shared edge. An unfolded corner at a larger distance becomes a seam.
 _SNAP = 0.3
-# Heights of an unfolded face above the shared edge that are tried, relative to its true height. The last ones
-# are for faces in a gap of a chart, where the surface has a spike.
+# An unfolded face is tried with these heights above the shared edge, relative to its true height. The last
+# heights in the list are for faces in a gap of a chart, where the surface has a spike.
 _HEIGHTS = (1.0, 0.8, 0.6, 0.3, 0.1)
-# Overlaps are tested with faces that are shrunk to this size about their centres, so that faces that share an
-# edge do not overlap.
+# For overlap tests, each face is shrunk to this size about its centre. Faces with a shared edge then do not
+# overlap.
 _SHRINK = 0.97
-# Smallest and largest ratio of the area of a face in the plane to its area on the surface, relative to the
+# Limits of the area of a face in the plane, divided by its area on the surface. The ratio is relative to the
 # average of all charts.
 _STRETCH = 0.05, 2.0
 
@@ -55,12 +56,12 @@ def merge_small_charts(points: Floats, faces: Ints, plane: Floats, chart: Ints) 
 
 
 class _Merging:
-    """The state of a merge: places, charts, and the placed faces by cells of the plane of their chart."""
+    """The state of a merge: places, charts, and the placed faces in the grid cells of their chart."""
 
     def __init__(self, points: Floats, faces: Ints, plane: Floats, chart: Ints, area: Floats) -> None:
         self.plane, self.chart = plane, chart
         self._points, self._faces, self._area = points, faces, area
-        # The orientation of a face in its chart: xatlas may mirror a whole chart.
+        # The orientation of a face in its chart is stored, because xatlas may mirror a whole chart.
         self._sign = np.sign(_signed_areas(plane))
         sides = np.linalg.norm(plane - np.roll(plane, 1, axis=1), axis=2)
         self._cell = float(max(np.median(sides), 1e-12)) * 2
@@ -71,12 +72,12 @@ class _Merging:
                 self._edges[min(a, b), max(a, b)].append(number)
 
     def run(self, is_free: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> None:
-        """Move the free faces (F,) into the charts of the others, the longest shared edges first."""
+        """Move the free faces (F,) into the charts of other faces, the longest shared edges first."""
         if is_free.all() and len(is_free):
             is_free = self.chart != np.bincount(self.chart).argmax()
         free = set(np.flatnonzero(is_free).tolist())
         self._grow(np.flatnonzero(~is_free).tolist(), free)
-        # Merge what is left with each other: the largest chart among the rest takes in its neighbours.
+        # Merge the remaining faces with each other: the largest remaining chart takes in its neighbours.
         while free:
             rest = sorted(free)
             largest = np.bincount(self.chart[rest]).argmax()
@@ -132,7 +133,7 @@ class _Merging:
         return (faces[0], faces[1]) if (first == second).all() else None
 
     def _grow(self, hosts: list[int], free: set[int]) -> None:
-        """Move free faces into the charts of the placed faces `hosts`; moved faces are no longer free."""
+        """Move free faces into the charts of the placed faces `hosts`. Moved faces are no longer free."""
         for face in hosts:
             self._register(face)
         queue: list[tuple[float, int, int]] = []
@@ -157,7 +158,7 @@ class _Merging:
         return [(min(pair), max(pair)) for pair in ((a, b), (b, c), (c, a))]
 
     def _unfold(self, face: int, host: int) -> bool:
-        """Place a face next to `host`, about their common edge; return whether it fits."""
+        """Place a face next to `host`, about their common edge. Return whether the face fits."""
         ours, theirs = self._faces[face].tolist(), self._faces[host].tolist()
         edge = [vertex for vertex in ours if vertex in theirs]
         if len(edge) != 2:
@@ -170,7 +171,8 @@ class _Merging:
         square = float(side @ side)
         if square == 0:
             return False
-        # c in coordinates of the edge: x along it, y across it, on the side that `host` is not on.
+        # Compute the coordinates of c relative to the edge. The x axis lies along the edge, and the y axis
+        # points away from `host`.
         x = float(away @ side) / square
         y = float(np.sqrt(max(away @ away / square - x * x, 0)))
         across = np.array([-along[1], along[0]])
@@ -242,7 +244,7 @@ def _overlaps(corners: Floats, others: Floats) -> np.ndarray[tuple[int], np.dtyp
     middle = others.mean(axis=1, keepdims=True)
     theirs = middle + _SHRINK * (others - middle)
     apart = np.zeros(len(others), bool)
-    # Two triangles are apart if the direction across one of their sides separates them.
+    # Two triangles are disjoint if the direction across one of their sides separates them.
     for sides in (
         np.broadcast_to(np.roll(ours, -1, axis=0) - ours, theirs.shape),
         np.roll(theirs, -1, axis=1) - theirs,

@@ -25,51 +25,59 @@ if TYPE_CHECKING:
 
 # Extraction.
 #
-# Smallest absolute vote of a cell; a vote of 1 is a distance of 3 cells. If the vote of a cell were 0, all
-# points around the cell would coincide, and their faces would have no area.
+# Smallest absolute vote of a cell. A vote of 1 means a distance of 3 cells. If a cell had the vote 0, all
+# surface points around the cell would coincide, and their faces would have no area.
 _MIN_VOTE = 0.002
 
-# Reduction of the faces.
+# Parameters of the face reduction.
 #
 # Growth of the allowed error per pass of the edge collapse: the parameter `agg` of fast_simplification. The
-# first value gives better meshes, but their faces may exceed the budget. The second is the library's default.
+# value 5 gives better meshes, but may exceed the face budget. The value 7 is the default of
+# fast_simplification.
 _AGGRESSIVENESS, _HIGH_AGGRESSIVENESS = 5, 7
-# Two vertices are merged if together they cover fewer pixels than each of two limits. The first limit is a
-# number of pixels of an average view. The second is relative to the pixels of an average vertex after the
-# reduction. With these limits a walled scene has 10 % of its faces in unseen parts instead of 43 %, and gains
-# 0.3 dB.
+# Two vertices are merged if the number of pixels that they cover together is below both limits. The limit
+# `_MAX_MERGED_PIXELS` is in pixels of an average view. The limit `_MAX_MERGED_SHARE` is relative to the
+# pixels of an average vertex after the reduction. With these limits, unseen parts of a walled scene have 10 %
+# of the faces instead of 43 %, and PSNR rises by 0.3 dB.
 _MAX_MERGED_PIXELS, _MAX_MERGED_SHARE = 2.0, 0.1
-# The merges use the edge collapses of a reduction to this share of the face budget. Unseen parts therefore
-# become no coarser than that reduction.
+# Vertices are only merged along edges that a reduction to this share of the face budget collapses. This limit
+# prevents unseen parts from becoming too coarse.
 _COARSEST_SHARE = 1 / 8
 # A surface is first reduced to this multiple of the face budget. All variants of the further reduction start
-# from this result. This saves a fifth of the time and loses no detail that a later step needs.
+# from this shared surface. The shared first reduction saves a fifth of the time and loses no detail that a
+# later step needs.
 _DETAIL_FACTOR = 32
-# Radius in a scene's space within which all errors have about the same weight. Beyond it lengths are measured
-# on a logarithmic scale.
+# Radius, in a scene's coordinates, within which all errors have about the same weight. Outside the radius,
+# lengths are measured on a logarithmic scale.
 _MIDDLE_RADIUS = 0.3
 
-# Repair of slivers and crossing faces.
+# Parameters for the repair of slivers and crossing faces.
 #
-# A face is a sliver if its area relative to the median is below this limit. Other libraries drop such faces.
+# A face is a sliver if its area, relative to the median area, is below this limit. Other libraries drop such
+# slivers.
 _SLIVER_AREA = 1e-3
-# Largest number of rounds of a repair. A round that leaves open faces removes them and starts again.
+# Largest number of rounds of a surface repair. If a round leaves open faces, the repair removes these faces
+# and starts again.
 _REPAIR_ROUNDS = 5
-# Largest number of rounds of smoothing the corners of crossing faces. After every `_WIDEN_ROUNDS` rounds a
-# further ring of neighbours is smoothed as well.
+# Largest number of rounds of smoothing the corners of crossing faces. After every `_WIDEN_ROUNDS` rounds, one
+# more ring of neighbours is smoothed as well.
 _SMOOTH_ROUNDS, _WIDEN_ROUNDS = 32, 8
-# Largest number of rounds that move the corners of crossing faces back. After these rounds all corners are
-# moved back. More than one round is needed, because a round can make other faces cross.
+# A repair of crossing faces moves their corners back to earlier places in at most this number of rounds. If
+# faces still cross after the last round, all corners are moved back. Several rounds are needed, because
+# moving corners back can make other faces cross.
 _REVERT_ROUNDS = 60
-# Largest number of rounds in which faces that still cross are cut out and the holes are closed.
+# Largest number of rounds that cut out faces that still cross and close the holes.
 _CUT_ROUNDS = 6
-# If two vertices have the same place, one moves by this share of the way to the average centre of its faces.
-# The move is invisible, but larger than the rounding error of float32.
+# If two vertices coincide, one vertex moves by this share of the way to the average centre of its faces. A
+# move of this size is invisible, but larger than the rounding error of float32.
 _SEPARATION = 1e-3
 
 
 def extract_boundary(values: Singles, grid: Grid, outside: float) -> tuple[Floats, Ints]:
-    """Return the closed boundary (V, 3), (F, 3) of negative cells; `outside` is the value beyond the grid."""
+    """Return the boundary between negative and positive cells, as points (V, 3) and faces (F, 3).
+
+    Beyond the grid, every cell has the vote `outside`.
+    """
     from skimage.measure import marching_cubes
 
     padded = np.pad(values, 1, constant_values=outside)
@@ -79,15 +87,15 @@ def extract_boundary(values: Singles, grid: Grid, outside: float) -> tuple[Float
 
 
 def label_parts(points: Floats | Singles, faces: Ints) -> NDArray[np.int32]:
-    """Return the number (F,) of the part that each face belongs to; parts share no vertex."""
+    """Return the number (F,) of the part that each face belongs to. Different parts share no vertex."""
     _, label = label_components(len(points), faces[:, :2].reshape(-1), faces[:, 1:].reshape(-1))
     return label[faces[:, 0]]
 
 
 def select_visible_parts(points: Floats, faces: Ints, pixels: Ints, least: float) -> Mask:
-    """Return a mask (F,) of the parts that at least `least` pixels show, and of the most visible part.
+    """Return a mask (F,) of the most visible part and all parts that `least` pixels show.
 
-    `pixels` (F,) is the number of pixels that show each face.
+    The argument `pixels` (F,) is the number of pixels that show each face.
     """
     label = label_parts(points, faces)
     part_pixels = np.bincount(label, weights=pixels)
@@ -96,17 +104,20 @@ def select_visible_parts(points: Floats, faces: Ints, pixels: Ints, least: float
 
 
 def drop_unused_points(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Return the points that faces use, in their previous order, and faces with the new numbers."""
+    """Return the points that faces use, in their previous order.
+
+    Also return the faces with the new point numbers.
+    """
     used = np.zeros(len(points), bool)
     used[faces] = True
     return points[used], (np.cumsum(used) - 1)[faces]
 
 
 def reduce_faces(points: Floats, faces: Ints, count: int, space: Space) -> tuple[Floats, Ints]:
-    """Return the surface with about `count` faces by quadric error, repaired to a closed manifold.
+    """Reduce the surface to about `count` faces by quadric error, and repair it to a closed manifold.
 
-    The cameras look at the middle of a scene, so the middle gets more faces. For this, errors are measured on
-    a logarithmic scale of the distance from the middle.
+    The cameras look at the middle of a scene, so the middle should get more faces. Errors are measured on a
+    logarithmic scale of the distance from the middle.
     """
     for aggressiveness in (_AGGRESSIVENESS, _HIGH_AGGRESSIVENESS):
         points, faces = _reduce(points, faces, count, space, aggressiveness)
@@ -114,7 +125,7 @@ def reduce_faces(points: Floats, faces: Ints, count: int, space: Space) -> tuple
 
 
 def remove_detail(points: Floats, faces: Ints, count: int, space: Space) -> tuple[Floats, Ints]:
-    """Remove detail that `count` faces cannot show, which saves time later; return the surface."""
+    """Remove detail that `count` faces cannot show, which saves time in later steps. Return the surface."""
     return _reduce(points, faces, _DETAIL_FACTOR * count, space, _AGGRESSIVENESS)
 
 
@@ -133,30 +144,29 @@ def coarsen_unseen(
 ) -> tuple[Floats, Ints]:
     """Merge the vertices of hardly visible parts, so that these parts use few of the `count` faces.
 
-    `pixels` (F,) is the number of pixels of an average view that show each face. Vertices are merged along
-    edges that a reduction by quadric error collapses, so that the surface keeps its shape. More than two
-    faces may meet at an edge afterwards.
+    The argument `pixels` (F,) is the number of pixels of an average view that show each face. Vertices are
+    merged along edges that a reduction by quadric error also collapses, so that the surface keeps its shape.
+    After merging, more than two faces may meet at an edge.
     """
     if len(faces) <= count:
         return points, faces
-    # The edges (n, 2) in the order of their collapse by quadric error: the vertex that stays, the vertex that
-    # is removed.
+    # Collapsed edges (n, 2) in order. Each edge names the vertex that stays and the vertex that is removed.
     placed = _to_logarithm(points) if space.contracted else points
     target = max(int(count * _COARSEST_SHARE), MIN_CLOSED_FACES)
     *_, collapses = _collapse_edges(placed, faces, target, _AGGRESSIVENESS)
-    # Pixels of each vertex (V,): a third of the pixels of its faces. A mesh has about half as many vertices
-    # as faces.
+    # Pixels of each vertex (V,): a third of the pixels of its adjacent faces. A mesh has about half as many
+    # vertices as faces.
     vertex_pixels = np.bincount(faces.reshape(-1), np.repeat(pixels / 3, 3), len(points))
     most = min(_MAX_MERGED_PIXELS, _MAX_MERGED_SHARE * vertex_pixels.sum() / (count / 2))
-    # Apply each collapse whose two vertices together cover few pixels.
+    # Apply each collapse in which the two vertices together cover few pixels.
     covered, into = vertex_pixels.tolist(), list(range(len(points)))
     for stays, goes in collapses.tolist():
         together = covered[stays] + covered[goes]
         if together < most:
             covered[stays], into[goes] = together, stays
-        else:  # later collapses build on this one, so skip them as well
+        else:  # Skip later collapses that build on this collapse.
             covered[stays] = covered[goes] = math.inf
-    # Each vertex becomes the last one of its chain of merges.
+    # Replace each vertex by the last vertex of its chain of merges.
     merged = np.array(into)
     while (merged != merged[merged]).any():
         merged = merged[merged]
@@ -166,7 +176,7 @@ def coarsen_unseen(
 def _collapse_edges(
     points: Floats, faces: Ints, count: int, aggressiveness: int
 ) -> tuple[Floats, Ints, NDArray[np.int32]]:
-    """Return the surface with about `count` faces, and the collapsed edges (n, 2) in their order.
+    """Reduce the surface to about `count` faces. Also return the collapsed edges (n, 2) in their order.
 
     An edge is a pair of vertex numbers: the vertex that stays and the vertex that is removed.
     """
@@ -196,7 +206,7 @@ def repair_closed(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
     """Return the surface, repaired to a closed, consistently wound manifold.
 
     Surfaces that touch at an edge are separated, and holes are closed. Faces that stay open are removed, and
-    the holes are closed again. After several rounds, parts that are still open are removed.
+    the new holes are closed. Parts that are still open after several rounds are removed.
     """
     for _ in range(_REPAIR_ROUNDS):
         # Pair the faces at edges with more than two faces, make the winding consistent, and close the holes.
@@ -205,11 +215,11 @@ def repair_closed(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
         points, faces = points[change.vertex_map], change.faces.astype(np.int64)
         faces = turn_faces(faces, len(points)).faces.astype(np.int64)
         points, faces = _close_holes(points, faces)
-        faces = _drop_flaps(faces)  # closing the hole of a lone face adds a second face at the same place
+        faces = _drop_flaps(faces)  # Closing the hole of a lone face adds a second face at the same place.
         is_open = _find_open_faces(faces)
         if not is_open.any():
             points, faces = drop_unused_points(points, faces)
-            # Separate vertices at one place here, so that the removal of crossings sees their final places.
+            # Separate coinciding vertices here, so that the removal of crossings uses their final places.
             return separate_vertices(Mesh(points, faces)).vertices, faces
         faces = faces[~is_open]
     label = label_parts(points, faces)
@@ -219,7 +229,7 @@ def repair_closed(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
 
 
 def _drop_flaps(faces: Ints) -> Ints:
-    """Return the faces without those that use a vertex twice, and without pairs of coinciding faces."""
+    """Drop faces that use a vertex twice, and pairs of coinciding faces."""
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
     rest: Ints = faces[np.sort(first[count % 2 == 1])]
@@ -227,7 +237,7 @@ def _drop_flaps(faces: Ints) -> Ints:
 
 
 def _close_holes(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Return the surface with its holes closed, each by a fan around the average of its rim."""
+    """Return the surface with its holes closed. A fan around the average of the rim closes each hole."""
     change = close(points, faces, most_edges=1 << 30, most_share=1.0)
     is_new = change.vertex_map < 0
     placed = points[change.vertex_map]
@@ -249,9 +259,9 @@ def _find_open_faces(faces: Ints) -> Mask:
 def remove_crossings(points: Floats, faces: Ints, space: Space) -> tuple[Floats, Ints]:
     """Return a closed surface at points (V, 3) of `space` without faces that cross in the world.
 
-    Corners of crossing faces are smoothed. If that does not help, these faces and their neighbours are cut
-    out and the hole is closed. If faces still cross after several rounds, the surface with the fewest
-    crossing faces is returned.
+    Corners of crossing faces are smoothed. If smoothing does not help, the crossing faces and their
+    neighbours are cut out and the hole is closed. If faces still cross after several rounds, the surface with
+    the fewest crossing faces is returned.
     """
     best, fewest = (points, faces), np.inf
     for _ in range(_CUT_ROUNDS):
@@ -267,10 +277,10 @@ def remove_crossings(points: Floats, faces: Ints, space: Space) -> tuple[Floats,
 
 
 def _smooth_crossings(points: Floats, faces: Ints, space: Space) -> tuple[Floats, Ints]:
-    """Return smoothed points (V, 3) with fewer crossing faces, and the numbers of faces that still cross.
+    """Return smoothed points (V, 3) with fewer crossing faces, and the remaining crossing faces.
 
     Corners of crossing faces move half way to the average of their neighbours. In the first rounds, corners
-    of slivers move as well. If faces still cross after some rounds, the neighbours of these corners move as
+    of slivers move as well. If faces still cross after some rounds, the neighbours of their corners move as
     well.
     """
     points = points.copy()
@@ -297,9 +307,9 @@ def _find_slivers(points: Floats, faces: Ints) -> Ints:
 
 
 def revert_crossings(points: Floats, good: Floats, faces: Ints, space: Space) -> Floats:
-    """Return points (V, 3) with corners of crossing faces moved back to `good` (V, 3).
+    """Move the corners of crossing faces back to their places in `good` (V, 3). Return the points (V, 3).
 
-    Faces that cross in the result also cross with the points `good`.
+    In the result, two faces only cross if they also cross in `good`.
     """
     points = points.copy()
     moved = np.ones(len(points), bool)
@@ -314,16 +324,17 @@ def revert_crossings(points: Floats, good: Floats, faces: Ints, space: Space) ->
 
 
 def find_crossing_faces(points: Floats, faces: Ints, space: Space, moved: Mask | None = None) -> Ints:
-    """Return the numbers of faces that cross others in the world, with coordinates rounded to float32.
+    """Return the numbers of faces that cross other faces in world coordinates, rounded to float32.
 
-    With `moved` (V,), pairs of faces without a moved corner are not tested.
+    With `moved` (V,), only pairs of faces with a moved corner are tested.
     """
     tested = None if moved is None or moved.all() else np.asarray(moved[faces].any(axis=1))
     corners = space.to_world(points).astype(np.float32).astype(np.float64)[faces]
     if not space.contracted:
         return np.unique(find_crossing_pairs(corners, of=tested))
-    # Pairs are found by boxes in the contracted space. A face of the world is bent there, so the box must
-    # hold its corners, the middles of its sides, and its centre: (F, 7, 3).
+    # Boxes in the contracted coordinates find candidate pairs of crossing faces. A face that is flat in the
+    # world is bent in contracted coordinates. Therefore the box of a face contains the face's corners, edge
+    # midpoints and centre (F, 7, 3).
     more = [(corners + np.roll(corners, 1, axis=1)) / 2, corners.mean(axis=1, keepdims=True)]
     bent = np.concatenate([corners, *more], axis=1)
     places = space.from_world(bent.reshape(-1, 3)).reshape(bent.shape)
@@ -331,10 +342,7 @@ def find_crossing_faces(points: Floats, faces: Ints, space: Space, moved: Mask |
 
 
 def make_neighbour_average(faces: Ints, count: int) -> csr_matrix:
-    """Return a matrix (V, V).
-
-    Multiplied with values at vertices, it gives for each vertex the average over its neighbours.
-    """
+    """Return the sparse matrix (V, V) that averages values over the neighbours of each vertex."""
     import scipy.sparse as sparse
 
     laplacian = make_edge_laplacian(faces, count)
@@ -343,10 +351,11 @@ def make_neighbour_average(faces: Ints, count: int) -> csr_matrix:
 
 
 def separate_vertices(mesh: Mesh) -> Mesh:
-    """Return `mesh` without two vertices at one place.
+    """Return `mesh` with no two vertices at one place.
 
-    Files store the vertices of a seam twice, and readers merge all vertices at one place. Therefore all
-    vertices of a place but the first are moved slightly towards the average centre of their faces.
+    Files store the vertices of a seam twice, and readers merge all vertices with equal coordinates. The first
+    vertex at a place stays. Every other vertex at this place moves slightly towards the average centre of its
+    faces.
     """
     vertices, corners = mesh.vertices.copy(), mesh.faces.reshape(-1)
     count = np.bincount(corners, minlength=len(vertices))
@@ -358,7 +367,7 @@ def separate_vertices(mesh: Mesh) -> Mesh:
         again = again[count[again] > 0]
         if not len(again):
             break
-        # The average centre (n, 3) of the faces of each of these vertices; move the vertex towards it.
+        # Move each of the coinciding vertices towards the average centre (n, 3) of its faces.
         centers = np.repeat(vertices[mesh.faces].mean(axis=1), 3, axis=0)
         sums = [np.bincount(corners, axis, len(vertices))[again] for axis in centers.T]
         means = np.stack(sums, axis=1) / count[again, None]

@@ -1,9 +1,9 @@
 """Collision shapes: closed meshes of few faces near the visible surface of a mesh.
 
-A shape is made of a closed surface: the mesh itself, or an enclosure of the visible parts of an open mesh.
-For an object, the closed surface is reduced to fewer faces, or CoACD cuts it into convex parts. For a scene,
-it is a thin sheet behind the visible surface. If there is no closed surface, convex hulls of patches of the
-mesh are used. A shape of some kind can therefore always be made. `Collision.kind` says which kind was made.
+A collision shape is made of a closed surface: the mesh itself, or an enclosure of the visible parts of an
+open mesh. For an object, the closed surface is reduced to fewer faces, or CoACD cuts it into convex parts.
+For a scene, the collision shape is a thin sheet behind the visible surface. If there is no closed surface,
+convex hulls of patches of the mesh are used. `Collision.kind` names the kind of the result.
 """
 
 from collections.abc import Sequence
@@ -33,58 +33,57 @@ from msb.topology.faces import signed_volume
 from msb.topology.hulls import HULL_CORNERS
 from msb.topology.weld import weld_vertices
 
-# All lengths are relative to the diagonal of the bounding box of the visible surface, unless another unit is
-# named.
+# All lengths are relative to the diagonal of the bounding box of the visible surface.
 
-# Default time limit of CoACD in seconds. It can run for minutes, and does not end for some surfaces.
+# Default time limit of CoACD in seconds. CoACD can run for minutes, and does not end for some surfaces.
 SECONDS = 20.0
-# A part of a shape protrudes if it is farther than this from the visible surface. For comparison, 95 % of the
-# points of a surface with 1,000 faces are nearer than 0.01 to the original.
+# A part of a shape protrudes if its distance from the visible surface exceeds this value.
 PROTRUSION = 0.02
-# Unseen sides of an enclosure are moved to this distance from the mesh, if they are within twice
-# `PROTRUSION`. Moved sides do not count as protruding.
+# An unseen side of an enclosure moves to this distance from the mesh. Only sides within `2 * PROTRUSION` of
+# the mesh are moved. These sides do not count as protruding.
 _NEAR = PROTRUSION / 2
 
-# Enclosure of an open mesh.
+# Parameters of the enclosure of an open mesh.
 #
-# Pixels of the largest depth map. With larger depth maps the enclosure would reach into every crack.
+# Number of pixels of the largest depth map. With larger depth maps the enclosure would reach into every
+# crack.
 PIXELS = 1 << 16
-# Number of cells along the longest side of the grid, for an object and for a scene. The last number is the
-# margin around an object in cells. With fewer cells the sheet of a scene has ragged rims.
+# Number of grid cells along the longest side, for an object and for a scene. `_MARGIN` is the margin around
+# an object in grid cells. With fewer grid cells, the sheet of a scene has ragged rims.
 _CELLS, _MARGIN = (96, 224), 1.0
-# Radius in a scene's space beyond which everything counts as sky. It is ten times the near radius in the
-# world.
+# Radius, in a scene's coordinates, beyond which everything counts as sky. The sky radius is ten times the
+# near radius in world coordinates.
 _SKY_RADIUS = 1.9
 
 # Shapes.
 #
-# The share of a sheet's faces that lie on its visible side, and the thickness of the sheet in near radii. The
-# other faces form the back and the rims.
+# The first value is the share of a sheet's faces on the visible side. The second value is the thickness of
+# the sheet in near radii. The remaining faces form the back and the rims of the sheet.
 _FRONT_SHARE, _SHEET_THICKNESS = 0.45, 0.02
-# A surface is first simplified to this multiple of its face budget, then to the budget. A single step would
-# give a far worse shape.
+# A surface is first simplified to this multiple of its face budget, then to the budget. Simplification in a
+# single step would give a far worse shape.
 _FIRST_STEP_FACTOR = 8
-# Largest number of hulls of patches; it bounds the time of the cuts.
+# Largest number of hulls of surface patches. The number limits the time to cut the patches.
 _MAX_HULLS = 256
-# A point within this distance of a convex part counts as covered by it.
+# A convex part covers all points within this distance.
 _TOUCH_DISTANCE = 1e-3
-# A closed surface is simplified to this number of faces for CoACD, whose time grows with it.
+# A closed surface is simplified to this number of faces before CoACD, because CoACD is slow for many faces.
 _COACD_FACES = 2000
-# Two parameters of CoACD: the number of sample points on a surface and of trials per cut. They are below the
-# defaults, 2000 and 150, so that CoACD finishes in time.
+# Two parameters of CoACD: the number of sample points on a surface, and the number of trials per cut. The
+# values are below CoACD's defaults of 2000 and 150, so that CoACD finishes in time.
 _COACD_SAMPLES, _COACD_TRIALS = 1000, 60
 _TINY = np.finfo(np.float64).tiny
 
 
 @dataclass(frozen=True, eq=False)
 class Collision:
-    """A collision shape, and how well it approximates the visible surface.
+    """A collision shape, with measures of how well it approximates the visible surface.
 
     Attributes
     ----------
     mesh : Mesh
-        Closed and consistently wound float32 mesh without colours. Hulls and boxes are wound outwards; a mesh
-        is wound like the visible surface. The faces of a hull follow those of the previous one.
+        Closed and consistently wound float32 mesh without colours. Hulls and boxes are wound outwards. A mesh
+        keeps the winding of the visible surface. The faces are sorted by hull.
     kind : {"mesh", "hulls", "box"}
         The kind that was made, which may differ from the requested one.
     parts : int
@@ -93,8 +92,7 @@ class Collision:
         Average distance from the visible surface to the shape, as a share of the diagonal. The visible
         surface is the part of the mesh that the cameras see, or the whole mesh if there are no cameras.
     mid_air_share : float
-        Share of the exposed area of the shape that protrudes, which means that it is farther than 2 % of the
-        diagonal from the mesh.
+        Share of the shape's exposed area that is farther than 2 % of the diagonal from the mesh.
     why : str
         The reason if the kind differs from the requested one, else empty.
     """
@@ -117,20 +115,20 @@ def make_collision(
 ) -> Collision:
     """Return a collision shape of this `kind` for `mesh`.
 
-    If this kind cannot be made, return the most similar kind that can.
+    If the requested kind cannot be made, return the most similar possible kind.
 
     Parameters
     ----------
     mesh : Mesh
-        The mesh that is drawn.
+        The rendered mesh.
     kind : str
         "mesh:N": a surface of about N faces. "hulls:N": up to N convex parts, which CoACD cuts the solid
         into. "box": one box, rotated so that its volume is small. If neither the mesh nor its enclosure is
-        closed, hulls replace a mesh. For a scene, and if CoACD does not finish, hulls of patches of the
-        surface are used.
+        closed, hulls are made instead of a mesh. A scene gets hulls of surface patches. Other meshes also get
+        hulls of patches if CoACD does not finish.
     cameras : sequence of Camera
-        The parts of an open mesh that they see are enclosed. A surface of a scene has most of its faces near
-        them.
+        The parts of an open mesh that these cameras see are enclosed. A surface of a scene has most of its
+        faces near the cameras.
     seconds : float
         The time limit of CoACD.
     device : str or Device, optional
@@ -139,33 +137,34 @@ def make_collision(
     Raises
     ------
     UsageError
-        USAGE: the kind is invalid. EXTRA_MISSING: an open mesh needs scikit-image, which is not installed.
+        USAGE: the kind is invalid. EXTRA_MISSING: the mesh is open and scikit-image, which encloses it, is
+        not installed.
     MeshError
         MESH_ARRAY: the mesh has no faces. MESH_NONFINITE: a corner is not finite.
     DeviceError
     """
     requested, count = parse_collision(kind)
     visible, space = _find_visible(mesh, cameras, device)
-    # From here on, lengths are in diagonals of the visible surface, and the origin is its centre.
+    # From here on, the unit of length is the diagonal of the visible surface, and the origin is its centre.
     points, faces, middle, size = _normalize(mesh, visible)
     surface = points, faces
     if space is not None:
         space = replace(space, center=(space.center - middle) / size, radius=space.radius / size)
-    # Sample points (n, 3) of the visible surface. If no camera sees it, they are spread over the whole mesh.
+    # Sample points (n, 3) of the visible surface. If no camera sees the surface, the points are spread over
+    # the whole mesh.
     step = -(-len(visible) // POINTS)
     samples = (visible[::step] - middle) / size if len(visible) else sample_surface(*surface)[0]
-    # The closed surface: the mesh, or its enclosure.
+    # The closed surface is the mesh itself or its enclosure.
     solid = surface if is_closed_surface(*surface) else None
     if solid is None and len(visible) and requested != "box":
         enclosure, around = _enclose(mesh, cameras, device)
         enclosure = (enclosure - middle) / size
         if space is not None and not space.contracted:
             enclosure = _pull_nearer(enclosure, *surface)
-        # An enclosure is far thicker than a thin sheet, so it is not used for a sheet.
         if len(around) and measure_distances(samples, enclosure, around).mean() < PROTRUSION / 2:
             solid = enclosure, around
     actual_kind, parts, why = _make_parts(requested, count, surface, solid, space, seconds)
-    # Join all parts in one mesh, in the unit of the asset.
+    # Join all parts into one mesh, in the unit of the asset.
     starts = np.cumsum([0, *(len(corners) for corners, _ in parts)])
     joined = (
         np.concatenate([corners for corners, _ in parts]),
@@ -186,9 +185,10 @@ def _make_parts(
     space: Space | None,
     seconds: float,
 ) -> tuple[CollisionKind, list[PointsAndFaces], str]:
-    """Return the kind and the parts of a shape, and the reason if it is not the requested one.
+    """Return the kind and the parts of a shape.
 
-    `surface` is the mesh. `solid` is the closed surface, or None if there is none. `space` is None if no
+    If the kind differs from the requested kind, also return the reason. The argument `surface` is the visible
+    mesh. The argument `solid` is the closed surface of the mesh, or None. The argument `space` is None if no
     camera sees the mesh.
     """
     if requested == "box":
@@ -224,9 +224,9 @@ def _make_patch_hulls(surface: PointsAndFaces, count: int) -> list[PointsAndFace
 def _find_visible(
     mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None
 ) -> tuple[Floats, Space | None]:
-    """Return the points (n, 3) of the world that cameras see, without the sky, and their `Space`.
+    """Return the world points (n, 3) that cameras see, without the sky, and their `Space`.
 
-    The space is None if there are no points.
+    The space is None if no point is visible.
     """
     points = find_visible_points(mesh, cameras, device)
     if not len(points):
@@ -238,11 +238,11 @@ def _find_visible(
 
 
 def _normalize(mesh: Mesh, visible: Floats) -> tuple[Floats, Ints, Floats, float]:
-    """Return the points and faces of the mesh, and the origin and unit that they are relative to.
+    """Return the points and faces of the mesh relative to an origin, in a unit of length.
 
-    The origin is the centre of the visible points (n, 3), the unit is their diagonal. Without visible points
-    all points of the mesh are used. If the mesh is not closed, vertices at one place are merged: they may be
-    doubled for colours only.
+    Also return the origin and the unit. The origin is the centre of the visible points (n, 3). The unit is
+    the diagonal of their bounding box. Without visible points all points of the mesh are used. In an open
+    mesh, vertices with equal positions are merged, because they may only differ in colour.
     """
     if not len(mesh.faces):
         raise MeshError("MESH_ARRAY", "the mesh has no faces, so no collision shape can be made")
@@ -253,7 +253,8 @@ def _normalize(mesh: Mesh, visible: Floats) -> tuple[Floats, Ints, Floats, float
     points, faces = points[used].astype(np.float64), number.reshape(-1, 3).astype(np.int64)
     if not np.isfinite(points).all():
         raise MeshError(
-            "MESH_NONFINITE", "a corner of a face is not finite; remove the face or correct its vertex"
+            "MESH_NONFINITE",
+            "a corner of a face is not finite; remove the face or correct the corner's coordinates",
         )
     bounds = visible if len(visible) else points
     low, high = bounds.min(axis=0), bounds.max(axis=0)
@@ -262,7 +263,10 @@ def _normalize(mesh: Mesh, visible: Floats) -> tuple[Floats, Ints, Floats, float
 
 
 def _enclose(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> PointsAndFaces:
-    """Return the enclosure of the visible parts of a mesh, in the world; empty if they have no volume."""
+    """Return the enclosure of the visible parts of a mesh in world coordinates.
+
+    The enclosure may have no faces.
+    """
     need_enclosure()
     try:
         points, faces, space = enclose(mesh, cameras, _CELLS, _MARGIN, device=device)
@@ -272,9 +276,9 @@ def _enclose(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None)
 
 
 def _pull_nearer(points: Floats, seen: Floats, faces: Ints) -> Floats:
-    """Return the points of an enclosure; points that protrude a little are moved towards the mesh.
+    """Return the points of an enclosure after moving slightly protruding points towards the mesh.
 
-    Points protrude on unseen sides, which are closed flat, for example below a plate with a rim.
+    Flat closed areas of unseen sides protrude, for example below a plate with a rim.
     """
     from scipy.spatial import cKDTree
 
@@ -287,10 +291,11 @@ def _pull_nearer(points: Floats, seen: Floats, faces: Ints) -> Floats:
 
 
 def _reduce(solid: PointsAndFaces, count: int) -> PointsAndFaces:
-    """Return a surface of about `count` faces. If it would lose its shape with so few faces, it has more."""
+    """Reduce a surface to about `count` faces, or to more faces if the shape would be destroyed."""
     finer = simplify(*solid, _FIRST_STEP_FACTOR * count)
     reduced = simplify(*finer, count)
-    # If the library cannot reach the requested count, it removes whole sides. So allow twice as many faces.
+    # If the library cannot reach the requested count, the library removes whole sides. In that case, allow
+    # twice the number of faces.
     while count < len(reduced[1]) < len(finer[1]):
         if measure_distances(sample_surface(*finer)[0], *reduced).mean() <= PROTRUSION:
             break
@@ -300,10 +305,9 @@ def _reduce(solid: PointsAndFaces, count: int) -> PointsAndFaces:
 
 
 def _reduce_scene(surface: PointsAndFaces, count: int, space: Space) -> PointsAndFaces:
-    """Return a surface of about `count` faces, most of them near the cameras.
+    """Reduce a surface to about `count` faces, most of them near the cameras.
 
-    For this, a distance from the middle beyond the near radius is replaced by its square root before errors
-    are measured.
+    For the reduction, distances from the middle are replaced by their square roots beyond the near radius.
     """
     offset = (surface[0] - space.center) / space.radius
     inside, faces = _reduce((offset / np.sqrt(_measure_far_factor(offset)), surface[1]), count)
@@ -321,20 +325,20 @@ def _drop_sky(solid: PointsAndFaces, seen: PointsAndFaces, space: Space) -> Poin
 def _make_sheet(patch: PointsAndFaces, count: int, space: Space) -> PointsAndFaces:
     """Return a closed sheet of about `count` faces: a visible side, a back side, and rims."""
     points, faces = _reduce_scene(patch, max(1, int(_FRONT_SHARE * count)), space)
-    # Vertex normals (V, 3), weighted by area, and the back side at a distance along them.
+    # The back side is offset along the vertex normals (V, 3), which are weighted by area.
     corners = points[faces]
     normals = np.zeros_like(points)
     np.add.at(normals, faces, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), _TINY)
     back = points - _SHEET_THICKNESS * space.radius * normals
-    # Boundary edges (n, 2): no other face traverses them in the opposite direction. Each edge gets two rim
-    # faces.
+    # A boundary edge (n, 2) is an edge that no other face traverses in the opposite direction. Each boundary
+    # edge gets two rim faces.
     sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
     keys, reverse = sides[:, 0] * len(points) + sides[:, 1], sides[:, 1] * len(points) + sides[:, 0]
     a, b = sides[~np.isin(keys, reverse)].T
     c, d = a + len(points), b + len(points)
     rims = np.concatenate([np.stack([b, a, c], axis=1), np.stack([b, c, d], axis=1)])
-    # Both sides and the rims in one mesh, repaired where the back side folds.
+    # Join both sides and the rims into one mesh, and repair folds of the back side.
     joined = np.concatenate([faces, faces[:, ::-1] + len(points), rims])
     return repair_closed(np.concatenate([points, back]), joined)
 
@@ -346,12 +350,15 @@ def _measure_far_factor(offset: Floats) -> Floats:
 
 
 def _run_coacd(points: Floats, faces: Ints, most: int, seconds: float) -> tuple[list[PointsAndFaces], str]:
-    """Return at most `most` convex parts of a closed surface, or none and the reason."""
+    """Cut a closed surface into at most `most` convex parts.
+
+    If this fails, return no parts and the reason.
+    """
     points, faces = simplify(points, faces, _COACD_FACES)
     reply = run_in_child(cut_in_child, str(most), {"points": points, "faces": faces}, Limits(seconds))
     if reply.why:
         return [], f"CoACD failed ({reply.why}), so hulls of patches of the surface are used"
-    # The child concatenates the parts and counts the rows of each.
+    # The child process concatenates the parts and counts the rows of each part.
     arrays = reply.arrays
     split = (
         np.split(arrays[name], np.cumsum(arrays[f"{name} per part"])[:-1]) for name in ("points", "faces")
@@ -383,12 +390,12 @@ def cut_in_child(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
 
 
 def _measure_protrusion(parts: list[PointsAndFaces], shape: PointsAndFaces, seen: PointsAndFaces) -> float:
-    """Return the share of a shape's exposed area that protrudes, so is far from the mesh `seen`."""
-    # Points (n, 3) all over the shape, and the part (n,) of each.
+    """Return the share of a shape's exposed area that protrudes from the mesh `seen`."""
+    # Sample points (n, 3) all over the shape, and the part (n,) of each point.
     places, face = sample_surface(*shape)
     part = np.repeat(np.arange(len(parts)), [len(faces) for _, faces in parts])[face]
-    # A point is exposed if it is outside of all other parts. It is outside of a convex part if it is above
-    # one of the planes of its faces.
+    # A point is exposed if it lies outside all other parts. A point is outside a convex part if it lies above
+    # one of the planes of the part's faces.
     is_exposed = np.ones(len(places), bool)
     for number, (points, faces) in enumerate(parts if len(parts) > 1 else ()):
         corners = points[faces]

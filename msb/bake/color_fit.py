@@ -1,10 +1,10 @@
-"""Static colours by least squares: the colours with which opaque faces match images best.
+"""Fit static colours by least squares, so that opaque faces match images best.
 
 Let w be the barycentric weights of a face's corners at a pixel, and t the colour of the image there. The
-corner colours c minimise the sum of (w . c - t)^2 over the pixels that show the face. For a soup this gives a
-3 x 3 system per face; for a connected mesh it gives one sparse system for all vertices. The sum also contains
-two small terms: the differences along edges, and the distance to the previous colours. Because of them,
-corners with few pixels or none stay near their previous colours.
+corner colours c minimise the sum of (w . c - t)^2 over the pixels that show the face. A soup needs one 3 x 3
+system per face. A connected mesh needs one sparse system for all vertices. Two small terms are added to the
+sum: differences along edges, and the distance to the previous colours. Two terms keep corners with few or no
+pixels near their previous colours.
 """
 
 from __future__ import annotations
@@ -20,35 +20,37 @@ if TYPE_CHECKING:
 
     from msb.bake.soup_renderer import FaceSums
 
-# Weight of squared differences along edges, relative to a pixel. It smooths the colours of faces that cover
-# less than a pixel, and is negligible for larger faces.
+# Weight of the squared colour differences along edges, relative to a pixel. Smoothing colours with this
+# weight affects faces below one pixel, and is negligible for larger faces.
 SMOOTHNESS = 0.3
-# Weight of the previous colours, relative to a pixel. It only makes each system regular.
+# Weight of the distance to the previous colours, relative to a pixel. With this small weight, the previous
+# colours only make the equations solvable.
 PRIOR = 0.05
-# Corner colours are limited to mean +- _MAX_SIGMA sigma + _MARGIN of the pixels of the face. Otherwise a face
-# with one visible tip is extrapolated to black or white. Corners of entirely visible faces reach 3 sigma;
-# limits below 8 sigma reduce the PSNR.
+# Corner colours are limited to the range mean +- (_MAX_SIGMA sigma + _MARGIN) of the face's pixels. Without
+# limits on colours, a face with one visible tip is extrapolated to black or white. Corners of fully visible
+# faces reach 3 sigma, and limits below 8 sigma reduce the PSNR.
 _MAX_SIGMA, _MARGIN = 8.0, 0.05
-# Number of rings of visible faces around unseen faces that are coloured together with the unseen faces. The
-# images of these rings are unreliable, because they show as much background as face.
+# Number of rings of visible faces that are coloured together with adjacent unseen faces. In these rings, a
+# face has as many background pixels as face pixels, so its colours are unreliable.
 _STRIP_RINGS = 3
-# Weight of the previous colours where colours are extended to unseen faces. It only has an effect on a part
-# without any visible neighbour.
+# Weight of the previous colours when colours are extended to unseen faces. The previous colours only affect a
+# part without any visible neighbour.
 _FAINT_PRIOR = 1e-6
-# Number of rounds; each clamps the colours beyond their limits and solves for the others again. Later rounds
-# change little.
+# Number of rounds. Each round clamps colours to their limits and solves the equations of the other colours
+# again. Further rounds of clamping change little.
 _CLAMP_ROUNDS = 4
-# Largest number of steps of conjugate gradients, and the relative residual at which they end. It is far below
-# one level of 8 bits.
+# Largest number of conjugate-gradient steps, and the relative residual at which they end. A residual of this
+# size is far below one of 256 colour levels.
 _MAX_STEPS, _TOLERANCE = 400, 1e-6
-# Number of faces of a soup that are solved together. It limits the memory to about 30 MB per array.
+# Number of faces of a soup whose equations are solved together. Solving this number of faces together limits
+# the memory to about 30 MB per array.
 _CHUNK = 1 << 16
 
 
 def split_sums(sums: Singles) -> tuple[Floats, Floats]:
-    """Return the sums of w w^T (F, 3, 3) and of w t^T (F, 3, 3) that are stored in `sums` (F, 15).
+    """Return the sums of w w^T (F, 3, 3) and of w t^T (F, 3, 3) from `sums` (F, 15).
 
-    Both have a row per corner.
+    The sums have one row per corner.
     """
     wide = sums.astype(np.float64)
     products = wide[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
@@ -58,7 +60,7 @@ def split_sums(sums: Singles) -> tuple[Floats, Floats]:
 def count_pixels(sums: FaceSums) -> Floats:
     """Return the number of pixels (F,) that show each face.
 
-    It is the sum of all products, because the weights of a pixel sum to 1.
+    A pixel's weights sum to 1, so the sum of all products counts the pixels.
     """
     count: Floats = sums.sums[:, :6] @ np.array([1.0, 2.0, 2.0, 1.0, 2.0, 1.0])
     return count
@@ -67,7 +69,7 @@ def count_pixels(sums: FaceSums) -> Floats:
 def fit_soup_colors(sums: FaceSums, colors: Singles, selected: Mask | None = None) -> Singles:
     """Return the best corner colours (F, 3, 3) in [0, 1] of faces that share no vertices.
 
-    Faces that no pixel shows, and faces that are not `selected`, keep their previous `colors` (F, 3, 3).
+    Faces that no pixel shows and faces that are not `selected` keep their previous `colors` (F, 3, 3).
     """
     is_seen = sums.sums[:, :6].any(axis=1)
     faces = np.flatnonzero(is_seen if selected is None else is_seen & selected)
@@ -79,12 +81,12 @@ def fit_soup_colors(sums: FaceSums, colors: Singles, selected: Mask | None = Non
 
 
 def _solve_faces(products: Floats, targets: Floats, colors: Singles) -> Floats:
-    """Return the best corner colours (n, 3, 3) of faces with these sums."""
-    # Normal equations (n, 3, 3) with smoothness along the three edges and the prior.
+    """Return the best corner colours (n, 3, 3) of faces, given their sums over pixels."""
+    # Normal equations (n, 3, 3), with smoothness along the three edges and the previous colours as a prior.
     system = products + SMOOTHNESS * (3 * np.eye(3) - 1) + PRIOR * np.eye(3)
     targets = targets + PRIOR * colors
     solution = np.clip(np.linalg.solve(system, targets), -1, 2)
-    # Solve faces with colours beyond their limits again, one channel after the other.
+    # Solve the systems again for faces with colours beyond their limits, one channel after the other.
     low, high = _find_color_limits(products, solution)
     for channel in range(3):
         x, least, most = solution[..., channel], low[:, None, channel], high[:, None, channel]
@@ -99,8 +101,8 @@ def _solve_faces(products: Floats, targets: Floats, colors: Singles) -> Floats:
 def _find_color_limits(products: Floats, colors: Floats) -> tuple[Floats, Floats]:
     """Return the smallest and the largest allowed colour (n, 3) of a face's corners.
 
-    The limits follow from the mean and the standard deviation of the colour over the pixels of the face.
-    `colors` (n, 3, 3) are the colours of its corners. The limits lie within [0, 1].
+    The limits follow from the mean and the standard deviation of the colour over the pixels of the face. The
+    argument `colors` (n, 3, 3) contains the colours of the face's corners. The limits lie within [0, 1].
     """
     share = products.sum(axis=2)
     count = np.maximum(share.sum(axis=1, keepdims=True), 1e-12)
@@ -112,13 +114,13 @@ def _find_color_limits(products: Floats, colors: Floats) -> tuple[Floats, Floats
 
 
 def _solve_faces_within(system: Floats, targets: Floats, x: Floats, low: Floats, high: Floats) -> Floats:
-    """Clamp values of the solutions x (n, 3) to limits (n, 1), and solve for the others again."""
+    """Clamp values of the solutions x (n, 3) to limits (n, 1), and solve for the unclamped values again."""
     clamped = np.zeros(x.shape, bool)
     for _ in range(_CLAMP_ROUNDS):
         clamped |= (x < low) | (x > high)
         x = np.clip(x, low, high)
         free = ~clamped
-        # Move clamped values to the right side; their rows become rows of the identity.
+        # Move clamped values to the right side, and replace their rows by rows of the identity.
         rest = targets - np.einsum("nij,nj->ni", system, np.where(clamped, x, 0.0))
         reduced = np.where(free[:, :, None] & free[:, None, :], system, 0.0) + clamped[:, :, None] * np.eye(3)
         solution = np.linalg.solve(reduced, np.where(free, rest, 0.0)[..., None])[..., 0]
@@ -129,11 +131,11 @@ def _solve_faces_within(system: Floats, targets: Floats, x: Floats, low: Floats,
 def fit_mesh_colors(sums: FaceSums, faces: Ints, colors: Singles, laplacian: csr_matrix) -> Singles:
     """Return the best vertex colours (V, 3) in [0, 1] of a mesh with faces (F, 3) and previous `colors`.
 
-    `laplacian` is `make_edge_laplacian` of the faces.
+    The argument `laplacian` is the result of `make_edge_laplacian` for the faces.
     """
     import scipy.sparse as sparse
 
-    # Assemble the sparse system (V, V) from the products of each face, and its right sides (V, 3).
+    # Assemble the sparse matrix (V, V) from the products of each face, and the right sides (V, 3).
     count = len(colors)
     products, targets = split_sums(sums.sums)
     rows, columns = np.repeat(faces, 3, axis=1).reshape(-1), np.tile(faces, (1, 3)).reshape(-1)
@@ -144,7 +146,7 @@ def fit_mesh_colors(sums: FaceSums, faces: Ints, colors: Singles, laplacian: csr
         for channel in range(3):
             values = targets[:, corner, channel]
             right[:, channel] += np.bincount(faces[:, corner], values, minlength=count)
-    # Solve each channel, then again with the limits of the pixels.
+    # Solve each channel without limits, then again with the limits of the pixels.
     solution = np.stack(
         [_solve(system, right[:, k], colors[:, k].astype(np.float64)) for k in range(3)], axis=1
     )
@@ -156,8 +158,8 @@ def fit_mesh_colors(sums: FaceSums, faces: Ints, colors: Singles, laplacian: csr
 def _find_vertex_limits(products: Floats, faces: Ints, colors: Floats) -> tuple[Floats, Floats]:
     """Return the smallest and largest allowed vertex colours (3, V).
 
-    They are the widest limits of the adjacent faces. Only visible faces count. Vertices without a visible
-    face have the limits 0 and 1.
+    A vertex has the widest limits of its adjacent faces. Only visible faces limit the colours of vertices.
+    Vertices without a visible face have the limits 0 and 1.
     """
     low, high = np.ones((3, len(colors))), np.zeros((3, len(colors)))
     seen = np.flatnonzero(products.any(axis=(1, 2)))
@@ -173,9 +175,10 @@ def _find_vertex_limits(products: Floats, faces: Ints, colors: Floats) -> tuple[
 
 
 def extend_colors(colors: Singles, faces: Ints, pixels: Floats) -> Singles:
-    """Return vertex colours (V, 3); faces without `pixels` (F,) continue the colours around them.
+    """Return vertex colours (V, 3).
 
-    Some rings of visible faces around such faces are coloured again as well, see `_STRIP_RINGS`.
+    Faces without `pixels` (F,) get colours that continue the surrounding colours. A few rings of visible
+    faces around unseen faces are coloured again (`_STRIP_RINGS`).
     """
     import scipy.sparse as sparse
 
@@ -186,7 +189,7 @@ def extend_colors(colors: Singles, faces: Ints, pixels: Floats) -> Singles:
     rows = np.flatnonzero(loose)
     if len(rows) in (0, len(colors)):
         return colors
-    # Solve Laplace's equation on the loose vertices (n,); the fixed ones are its boundary values.
+    # Solve Laplace's equation for the loose vertices (n,), with the fixed vertices as boundary values.
     laplacian = make_edge_laplacian(faces, len(colors))[rows]
     system = (laplacian[:, rows] + _FAINT_PRIOR * sparse.identity(len(rows))).tocsr()
     before = colors.astype(np.float64)
@@ -198,9 +201,9 @@ def extend_colors(colors: Singles, faces: Ints, pixels: Floats) -> Singles:
 
 
 def make_edge_laplacian(faces: Ints, count: int) -> csr_matrix:
-    """Return the graph Laplacian (V, V) of the edges of faces (F, 3) on `count` vertices.
+    """Return the graph Laplacian (V, V) of the edges of faces (F, 3) for `count` vertices.
 
-    Each edge counts once, however many faces share it.
+    An edge counts once, even if several faces share it.
     """
     import scipy.sparse as sparse
 
@@ -215,7 +218,7 @@ def make_edge_laplacian(faces: Ints, count: int) -> csr_matrix:
 
 
 def _solve_within(system: csr_matrix, right: Floats, x: Floats, low: Floats, high: Floats) -> Floats:
-    """Clamp values of the solution x (V,) to their limits (V,), and solve for the others again."""
+    """Clamp values of the solution x (V,) to their limits (V,), and solve for the unclamped values again."""
     clamped = np.zeros(len(x), bool)
     for _ in range(_CLAMP_ROUNDS):
         outside = (x < low) | (x > high)
@@ -232,8 +235,7 @@ def _solve_within(system: csr_matrix, right: Floats, x: Floats, low: Floats, hig
 def _solve(system: csr_matrix, right: Floats, x: Floats) -> Floats:
     """Solve system @ x = right from a first guess x by conjugate gradients with Jacobi's preconditioner.
 
-    SciPy's solver is not used, because it would wake the threads of its linear algebra. These threads would
-    then spin and slow the kernels.
+    SciPy's solver is not used, because the threads of its linear algebra library would slow down the kernels.
     """
     scale = 1 / system.diagonal()
     residual = right - system @ x
@@ -243,7 +245,7 @@ def _solve(system: csr_matrix, right: Floats, x: Floats) -> Floats:
     for _ in range(_MAX_STEPS):
         if size <= stop:
             break
-        # Move to the minimum along the direction, then make the next direction conjugate to this one.
+        # Move to the minimum along the direction, then compute the next conjugate direction.
         product = system @ direction
         length = size / max(_dot(direction, product), 1e-300)
         x = x + length * direction

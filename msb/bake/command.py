@@ -27,23 +27,23 @@ if TYPE_CHECKING:
     from msb.scenes.datasets import Scene
 
 
-# Geometry -> the treatment of surface that no training view shows.
+# For each geometry, describe the treatment of surfaces that no training view shows.
 _UNSEEN = {
-    "kept": "a triangle soup loses it, a connected mesh keeps its old colours there",
+    "kept": "a triangle soup loses this area; a connected mesh keeps its old colours in this area",
     "fitted": "triangles there are dropped",
-    "surface": "the surface is closed there",
+    "surface": "a closed surface covers this area without images",
 }
 
 
 @dataclass(frozen=True)
 class BakeFiles:
-    """The outputs, and the scene that the model was trained on."""
+    """The outputs of a bake, and the scene that the model was trained on."""
 
     outputs: Annotated[
         tuple[Path, ...],
         Option(
-            "Write to OUT: a .glb, .triasset, .obj or another format, or a folder (a name without a suffix). "
-            "Repeat the option to write several formats.",
+            "Write to OUT: a .glb, .triasset, .obj or another mesh file, or a folder (a name without a "
+            "suffix). Repeat the option to write several formats.",
             ("--out", "-o"),
             metavar="OUT",
             output="own",
@@ -52,15 +52,15 @@ class BakeFiles:
     size: Annotated[
         str | None,
         Option(
-            "Size of the images of --cameras in pixels, or a factor of the cameras' size.",
+            "Size of the --cameras images in pixels, or a scale factor for the size of the cameras.",
             metavar="WxH|FACTOR",
         ),
     ] = None
     scene: Annotated[
         Path | None,
         Option(
-            "Use the views of the scene that the model was trained on: its training views supervise, its "
-            "test views are held out for the measurement.",
+            "Use the views of the scene that the model was trained on. Training views supervise; test views "
+            "are held out for the measurement.",
             metavar="DIR",
         ),
     ] = None
@@ -87,13 +87,14 @@ def bake(
 ) -> None:
     """Make an opaque mesh, with a texture or vertex colours, that looks like the native rendering of a model.
 
-    The mesh is fitted to native renderings of the model in the views of --scene or --cameras. Without these,
-    the training cameras beside the model are used, or generated views. The printed PSNR is measured on
-    held-out views: to the photographs with --scene, else to native renderings.
+    The mesh is fitted to native renderings of the model in the views of --scene or --cameras. If neither
+    --scene nor --cameras is given, the views are the training cameras beside the model, or generated views.
+    The printed PSNR is measured on held-out views. With --scene, photographs are the reference images.
+    Without --scene, native renderings are the reference images.
 
     An output folder contains asset.glb with its levels of detail and its collision shape, bake.json (the
-    output of --json), preview.png, and index.html, a page that shows all of them. In an existing folder only
-    files written by an earlier bake are replaced.
+    output of --json), preview.png, and index.html, a page with all results. In an existing folder, only files
+    of an earlier bake are replaced.
     """
     require(files.outputs, "Missing output. Pass -o with the file to write, for example -o model.glb")
     _check_files(files, views, typed)
@@ -104,7 +105,7 @@ def bake(
     from msb.bake.output_files import list_endings, list_output_files
     from msb.scenes.datasets import scene_of
 
-    # Check all outputs before the work.
+    # Check all output paths before the bake starts.
     folder = None
     if is_folder_output(files.outputs) and not is_stdout(files.outputs[0]):
         folder = files.outputs[0]
@@ -141,13 +142,13 @@ def bake(
 def _check_files(files: BakeFiles, views: ViewOptions, typed: Typed) -> None:
     """Reject options that contradict each other."""
     if files.scene is not None:
-        typed.reject(["cameras"], "cannot be combined with --scene, which has its own cameras")
+        typed.reject(["cameras"], "cannot be combined with --scene, because the scene has cameras")
     else:
         typed.reject(SCENE_OPTIONS, NO_SCENE)
     if views.cameras is None:
         typed.reject(["size"], NO_CAMERAS)
     if files.scene is not None or views.cameras is not None:
-        typed.reject(["views"], "only applies to generated views, without --scene and --cameras")
+        typed.reject(["views"], "applies only to generated views, which --scene and --cameras replace")
 
 
 def _note_losses(baked: Baked, paths: tuple[Path, ...], output: Output) -> None:
@@ -167,7 +168,7 @@ def _note_losses(baked: Baked, paths: tuple[Path, ...], output: Output) -> None:
 
 
 def _print_report(report: Report, paths: tuple[Path, ...], output: Output) -> None:
-    """Print the result, the views, the companions and the notes."""
+    """Print the result, the views, the levels of detail, the collision shape and the notes."""
     names = ", ".join(one_line(str(path)) for path in paths)
     echo(f"{names}: {report.sentence}")
     if output.quiet:
@@ -175,7 +176,7 @@ def _print_report(report: Report, paths: tuple[Path, ...], output: Output) -> No
     count = report.training + report.validation
     views = f"{count} training view{'s' if count != 1 else ''}"
     if report.interpolated:
-        views = f"{views} plus {report.interpolated} interpolated ones"
+        views = f"{views} plus {report.interpolated} interpolated views"
     images = "native renderings" if report.supervision == "native" else "photographs"
     echo(f"Baked from {images} of {views}. Source of the views: {one_line(report.views)}")
     if report.shape is not None:
@@ -189,6 +190,6 @@ def _print_report(report: Report, paths: tuple[Path, ...], output: Output) -> No
     if report.unseen_area:
         share = 100 * report.unseen_area
         size = f"{share:.1f} %" if share >= 0.05 else "Less than 0.1 %"
-        echo(f"{size} of the model's area is in no training view; {_UNSEEN[report.geometry]}")
+        echo(f"{size} of the model's area is visible in no training view; {_UNSEEN[report.geometry]}")
     for text in report.notes:
         output.note(text)

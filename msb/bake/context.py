@@ -16,45 +16,46 @@ from msb.cl import Device
 if TYPE_CHECKING:
     from msb.bake.soup import Soup
 
-# Called as progress(stage, done, total); it returns whether to stop early with the best result.
+# Called as progress(stage, done, total). If the callback returns true, the search stops early and keeps the
+# best result.
 ProgressHook = Callable[[str, int, int], bool]
 
 
 def ignore_progress(_stage: str, _done: int, _total: int) -> bool:
-    """Ignore progress, and never stop."""
+    """Do nothing, and let the search continue."""
     return False
 
 
 class BestState:
-    """The state of a soup with the smallest error in the validation images.
+    """The state of a soup with the smallest error in the validation images so far.
 
     Parameters
     ----------
     validation : SoupRenderer
     weigh : callable, optional
-        Returns a factor for the error of a state, for example for its shape.
+        Returns a factor for the error of a state, for example a penalty for its shape.
     """
 
     def __init__(self, validation: SoupRenderer, weigh: Callable[[Soup], float] = lambda _: 1.0) -> None:
         self._validation, self._weigh = validation, weigh
         self._error = np.inf
         self.evaluations_since = 0
-        """Number of evaluations since the best one."""
+        """Number of evaluations since the best state was found."""
         self._soup: Soup | None = None
 
     @property
     def soup(self) -> Soup:
-        """A copy of the best state."""
+        """An independent copy of the best state."""
         assert self._soup is not None, "evaluate was not called"
         return self._soup.copy()
 
     def restart(self, soup: Soup) -> None:
-        """Forget all states before `soup`, and keep a copy of it."""
+        """Forget all earlier states, and keep a copy of `soup`."""
         self._error = np.inf
         self.evaluate(soup)
 
     def evaluate(self, soup: Soup) -> None:
-        """Keep a copy of `soup` if it is better than all states before."""
+        """Keep a copy of `soup` if its error is smaller than all errors before."""
         error = self._weigh(soup) * soup.measure_error(self._validation)
         self.evaluations_since += 1
         if error < self._error:
@@ -63,7 +64,7 @@ class BestState:
 
 @dataclass(frozen=True, eq=False)
 class SearchContext:
-    """The inputs of a search.
+    """The inputs of a search: images, seed, device and progress.
 
     Attributes
     ----------
@@ -77,10 +78,11 @@ class SearchContext:
     step_factor : float
         The number of steps of each search, relative to the normal number.
     shows_model_mesh : bool
-        Whether the images are standard-tier images of the model's triangles. Then no triangle needs to be
-        pruned.
+        Whether the images are standard-tier images of the model's triangles. No triangle is pruned if this is
+        true.
     has_own_depths : bool
-        Whether a surface is made of the model's own depths. They are less dented than those of a fitted soup.
+        Whether a surface is made of the model's own depths. The model's own depths have fewer dents than the
+        depths of a fitted soup.
     """
 
     training: ViewImages
@@ -102,7 +104,7 @@ class SearchContext:
         return max(1, round(self.step_factor * normal))
 
     def make_random(self) -> np.random.Generator:
-        """Return a new random generator with the seed of the search."""
+        """Return a new random generator that starts with the seed of the search."""
         return np.random.default_rng(self.seed)
 
     @contextmanager

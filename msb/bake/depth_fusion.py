@@ -24,37 +24,38 @@ if TYPE_CHECKING:
     from msb.cl import Buffer, Device
     from msb.scenes import Camera
 
-# Distances in cells. A cell `REACH` or more in front of a surface gets the largest vote, 1. A cell more than
-# `BEHIND` behind a surface is hidden from the view, and the view does not vote on it. `BEHIND` is smaller,
-# because views of the other side of a sheet vote against it there: with equal distances, leaves dissolved.
+# Distances in cells. A cell has the largest vote, 1, if it is at least `REACH` in front of a surface. A
+# surface hides cells more than `BEHIND` behind the surface, so a view does not vote on such cells. `BEHIND`
+# is smaller than `REACH`, so that the votes of views from two sides of a thin sheet do not cancel. Thin
+# leaves would vanish from the solid if both distances were equal.
 REACH, BEHIND = 3.0, 1.5
-# The surface is moved outwards by this number of cells, so that sheets and stems become solids that the grid
-# can resolve. `pull_in` moves it back where the solid is thick.
+# The surface is moved outwards by this number of cells, so that thin sheets and stems become solids that the
+# grid can resolve. `pull_in` moves the surface back where the solid is thick.
 THICKNESS = 1.0
-# Smallest ratio between the number of views that see a cell and the number of views from which it is hidden.
-# Below this ratio the cell counts as solid, because the few views that see it probably look through a hole in
-# the soup.
+# Smallest ratio of the number of views that see a cell to the number of views that do not see the cell. Below
+# this ratio, the cell counts as solid. The few views that see the cell probably look through a hole in the
+# soup.
 MIN_SEEN_RATIO = 0.05
-# Number of steps of `pull_in`; each step interpolates the grid once.
+# Number of steps of `pull_in`. Each step interpolates the grid once.
 _PULL_STEPS = 5
 # Work-items of a work-group.
 _GROUP = 64
-# Number of views that vote in one run of the kernel, and number of floats in the record of a view. Eight
-# views share a pass over the cells.
+# The first number is the number of views that vote in one run of the kernel. The second number is the floats
+# per view in the kernel's input. Eight views share one pass over the cells.
 _VIEWS_PER_RUN, _RECORD = 8, 19
-# Value of a cell that no view votes on. Votes are at most 1.
+# Value of a cell without any vote.
 UNKNOWN = 2.0
-# Every 7th covered pixel gives a visible point. As 7 has no common factor with usual image widths, the points
-# do not line up in columns.
+# Every 7th covered pixel gives one visible point. The step 7 has no common factor with usual image widths.
+# Therefore the points do not line up in columns.
 _PIXELS_PER_POINT = 7
 _BLACK = (0.0, 0.0, 0.0)
-# Smallest coverage of a pixel with a depth in depth maps of Gaussians.
+# Smallest coverage of a pixel by Gaussians that gives the pixel a depth.
 MIN_ALPHA = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The cells of a box in a space.
+    """A regular grid of cells in a box, in the coordinates of a space.
 
     Attributes
     ----------
@@ -72,9 +73,9 @@ class Grid:
 
     @classmethod
     def covering(cls, space: Space, cells: int, margin: float = REACH) -> Grid:
-        """Return a grid of `cells` cells along the longest side.
+        """Return a grid with `cells` cells along the longest side.
 
-        Around an object there are `margin` more cells on each side.
+        Around an object, the grid has `margin` more cells on each side.
         """
         size = space.high - space.low
         cell = float(size.max() / cells)
@@ -84,27 +85,30 @@ class Grid:
 
 
 class DepthRenderer(StandardRenderer):
-    """Draws depth maps of a mesh and lets them vote on cells."""
+    """Draws depth maps of a mesh and lets the depth maps vote on grid cells."""
 
     def __init__(self, mesh: Mesh, device: str | Device | None = None) -> None:
         super().__init__(asset_from_mesh(mesh, origin=NO_ORIGIN), device=device)
         self._fuse = self._device.program("bake_fuse", {"RECORD": _RECORD, "UNKNOWN": UNKNOWN})
 
     def read_depth(self, camera: Camera) -> Singles:
-        """Return the depth map (H, W) of a camera, in units of `camera.unit`; 0 where nothing is."""
+        """Return the depth map (H, W) of a camera, in units of `camera.unit`.
+
+        Empty pixels have the depth 0.
+        """
         return self.render(camera.in_units(), _BLACK).depth
 
     def draw_depth(self, camera: Camera) -> Buffer:
-        """Queue the depth map of a camera; return its buffer."""
+        """Queue the rendering of a depth map. Return its buffer."""
         return self._run(camera.in_units(), _BLACK, everything=True)["depth"]
 
     def sample_visible_points(self, cameras: Sequence[Camera]) -> Floats:
-        """Return points (n, 3) of the world that the cameras see, one per `_PIXELS_PER_POINT` pixels."""
+        """Return world points (n, 3) that the cameras see, one per `_PIXELS_PER_POINT` covered pixels."""
         points = [np.zeros((0, 3))]
         for camera in cameras:
             depth = self.read_depth(camera) * camera.unit
             row, column = (index[::_PIXELS_PER_POINT] for index in np.nonzero(depth))
-            # Pixel centre and depth to camera coordinates (n, 4), then to the world.
+            # Convert pixel centres and depths to camera coordinates (n, 4), then to world coordinates.
             z = depth[row, column].astype(np.float64)
             x, y = (column + 0.5 - camera.cx) / camera.fx * z, (row + 0.5 - camera.cy) / camera.fy * z
             local = np.stack([x, y, z, np.ones_like(z)], axis=1)
@@ -113,10 +117,11 @@ class DepthRenderer(StandardRenderer):
 
     @in_turn
     def vote(self, cameras: Sequence[Camera], space: Space, grid: Grid) -> Singles:
-        """Return the votes (nx, ny, nz): the average distance of each cell in front of the visible surface.
+        """Return the votes (nx, ny, nz) of the cells.
 
-        The unit is `REACH` cells, and votes are at most 1. A vote is negative if the cell is solid. It is
-        `UNKNOWN` if no view contains the cell, or if the cell lies beyond the edge of a scene.
+        A vote is the average distance by which a cell is in front of the visible surface. Votes are in units
+        of `REACH` cells, and at most 1. A vote is negative if the cell is solid. A cell has the vote
+        `UNKNOWN` if no view contains the cell or if the cell is beyond the edge of a scene.
         """
         count = int(np.prod(grid.shape))
         sums, votes = self._scratch("cells", grid.shape), self._scratch("votes", (2, *grid.shape), np.uint16)
@@ -157,10 +162,11 @@ class DepthRenderer(StandardRenderer):
 
 
 class NativeDepthRenderer(DepthRenderer):
-    """Lets the depth maps of Gaussians vote on cells, instead of those of a mesh.
+    """Lets the depth maps of Gaussians, instead of a mesh, vote on grid cells.
 
-    The depth at a pixel is that of the Gaussian that halves the transmittance, at the point on the ray where
-    it is densest. Pixels that the Gaussians cover by less than half are empty.
+    The depth of a pixel is the depth of the first Gaussian at which the transmittance is below one half. The
+    depth is measured where the ray meets the highest density. Pixels that the Gaussians cover by less than
+    half are empty.
     """
 
     def __init__(self, model: Asset, device: str | Device | None = None) -> None:
@@ -183,7 +189,7 @@ class NativeDepthRenderer(DepthRenderer):
 
 
 def find_visible_points(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Floats:
-    """Return points (n, 3) of a mesh in the world that the cameras see; empty without cameras."""
+    """Return world points (n, 3) of a mesh that the cameras see. The result is empty without cameras."""
     if not cameras:
         return np.zeros((0, 3))
     with closing(DepthRenderer(mesh, device)) as renderer:
@@ -193,7 +199,7 @@ def find_visible_points(mesh: Mesh, cameras: Sequence[Camera], device: str | Dev
 def complete_votes(votes: Singles, space: Space, grid: Grid) -> Singles:
     """Fill unknown cells in place from the cells around them, and return the votes.
 
-    The space beyond the edge of a scene becomes solid. It is a shell around the scene and shows the sky.
+    The space beyond the edge of a scene becomes solid. The solid shell around the scene shows the sky.
     """
     _fill_unknown(votes, votes != UNKNOWN)
     if space.contracted:
@@ -204,8 +210,8 @@ def complete_votes(votes: Singles, space: Space, grid: Grid) -> Singles:
 def pull_in(points: Floats, values: Singles, grid: Grid) -> Floats:
     """Return surface points (V, 3) moved inwards by half of `THICKNESS` where the solid is thick.
 
-    The sides of a thin sheet stay where they are, because they would meet. Half of `THICKNESS` suffices,
-    because views from the side have already moved the surface inwards: they vote that the whole cell is free.
+    The sides of a thin sheet are not moved, because the two sides would meet. Views from the side already
+    move the surface inwards, so half of `THICKNESS` is enough.
     """
     from scipy.ndimage import map_coordinates
 
@@ -213,15 +219,15 @@ def pull_in(points: Floats, values: Singles, grid: Grid) -> Floats:
         result: Floats = map_coordinates(values, places.T, np.float64, order=1, mode="nearest")
         return result
 
-    # Inward directions (V, 3) by central differences of the votes, in units of cells.
+    # Inward directions (V, 3) from central differences of the votes, in units of cells.
     places = (points - grid.low) / grid.cell
     inward = np.stack([interpolate(places - step) - interpolate(places + step) for step in np.eye(3)], axis=1)
     inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-12)
-    # The solid is thick at a place if the vote a few cells further in is well below the vote inside a sheet.
+    # The solid is thick if the vote drops further a few cells inside the surface.
     depth = THICKNESS / REACH
     is_thick = interpolate(places + (THICKNESS + BEHIND) * inward) < -1.5 * depth
     move = THICKNESS / _PULL_STEPS * is_thick[:, None] * inward
-    # In each step, move further along `move`, until the interpolated vote is -depth / 2.
+    # Move the points along `move` until the interpolated vote is -depth / 2.
     for _ in range(_PULL_STEPS):
         here, there = interpolate(places), interpolate(places + move)
         share = np.clip((here + depth / 2) / np.maximum(here - there, 1e-12), 0, 1)
@@ -230,10 +236,10 @@ def pull_in(points: Floats, values: Singles, grid: Grid) -> Floats:
 
 
 def _fill_unknown(values: Singles, known: Mask) -> None:
-    """Fill the cells (nx, ny, nz) that are not known, in place.
+    """Fill the unknown cells of votes (nx, ny, nz) in place.
 
-    Blocks around an unknown cell have 2, 4, 8, ... cells along a side. The cell gets the smoothed average of
-    the smallest block that contains known cells.
+    Blocks around an unknown cell have 2, 4, 8, ... cells along a side. An unknown cell gets the smoothed
+    average of the smallest block that contains known cells.
     """
     from scipy.ndimage import uniform_filter
 
@@ -242,7 +248,7 @@ def _fill_unknown(values: Singles, known: Mask) -> None:
     if not known.any():
         values[:] = 1
         return
-    # Averages of the known cells in blocks of 2 x 2 x 2.
+    # Averages of the known cells in blocks of 2 x 2 x 2 cells.
     shape = tuple(-(-n // 2) for n in values.shape)
     sums, count = np.zeros((2, *shape), np.float32)
     for place in np.ndindex(2, 2, 2):
@@ -251,7 +257,7 @@ def _fill_unknown(values: Singles, known: Mask) -> None:
         sums[there] += np.where(known[part], values[part], 0)
         count[there] += known[part]
     sums /= np.maximum(count, 1)
-    # Fill the blocks recursively, then copy them to unknown cells, smoothed over 3 cells.
+    # Fill the blocks recursively. Copy their values, smoothed over 3 cells, to the unknown cells.
     _fill_unknown(sums, count > 0)
     for axis in range(3):
         sums = sums.repeat(2, axis=axis)
@@ -260,7 +266,10 @@ def _fill_unknown(values: Singles, known: Mask) -> None:
 
 
 def _make_shell_votes(grid: Grid) -> Singles:
-    """Return votes (nx, ny, nz) for the shell around a scene; its surface lies `REACH` / 2 inside `EDGE`."""
+    """Return votes (nx, ny, nz) for the solid shell around a scene.
+
+    The shell begins `REACH` / 2 inside `EDGE`.
+    """
     axes = [grid.low[k] + grid.cell * np.arange(grid.shape[k]) for k in range(3)]
     x, y, z = np.meshgrid(*(np.square(axis).astype(np.float32) for axis in axes), indexing="ij", sparse=True)
     reach = REACH * grid.cell
@@ -269,7 +278,7 @@ def _make_shell_votes(grid: Grid) -> Singles:
 
 
 def _make_record(camera: Camera, space: Space) -> Singles:
-    """Return the record (_RECORD,) of a camera for the kernel, with lengths in units of `space.radius`."""
+    """Return the values (_RECORD,) of a camera for the kernel. The unit of length is `space.radius`."""
     pose = camera.world_to_camera[:3].copy()
     pose[:, 3] = (pose[:, :3] @ space.center + pose[:, 3]) / space.radius
     image = camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height

@@ -1,10 +1,11 @@
-"""Gradient descent on the corners of an opaque soup, by the squared error of its images.
+"""Gradient descent on the corners of an opaque soup reduces the squared error of its images.
 
-An opaque image changes at the borders between faces as these move. The kernel `sums` of bake.cl sums over the
-pixels at these borders, for a few views at a time. The sums are the derivatives of the error by the place of
-each corner. Corners move against the derivative by Adam's rule (Kingma and Ba 2015), with one scale for all
-coordinates of a face. Every few steps, colours are fitted again by least squares, from the sums of the last
-steps. Between steps faces are hidden or shown if that reduces the error (`msb.bake.face_selection`).
+An opaque image changes at the borders between faces when the faces move. The kernel `sums` of bake.cl adds up
+the pixels at face borders, for a few views at a time. These sums are the derivatives of the error with
+respect to the position of each corner. Corners move along the negative gradient by Adam's rule (Kingma and Ba
+2015), with one scale for all coordinates of a face. Every few steps, colours are fitted again by least
+squares over the pixels of the last steps. Between descent steps, faces are hidden or shown if the change
+reduces the error (`msb.bake.face_selection`).
 """
 
 import time
@@ -19,24 +20,24 @@ from msb.bake.face_selection import sample_views, toggle_faces
 from msb.bake.soup import Soup
 from msb.bake.soup_renderer import SoupRenderer
 
-# Adam's decay per step of the average gradient and of the average squared gradient. The second is 0.99, not
-# 0.999 as in the paper, because a search has only a few hundred steps.
+# Adam's decay per step of the average gradient and of the average squared gradient. The second decay is 0.99,
+# not 0.999 as in the paper on Adam, because a search has only a few hundred steps.
 _MOMENTUM, _SCALE_DECAY = 0.9, 0.99
 # Smallest divisor, which avoids division by 0 for faces without a gradient.
 _EPSILON = 1e-30
-# Decay per step of the colour sums of earlier steps. With it colours depend on the last ten steps, which have
-# about 80 views.
+# Decay per step of the colour sums from earlier steps. With this decay, colours depend on the last ten
+# descent steps, which draw about 80 views.
 COLOR_DECAY = 0.9
-# Steps between two fits of the colours, and between two rounds of the face selection. A round takes as long
-# as several steps.
+# Steps between two fits of the colours, and between two rounds of the face selection. A selection round takes
+# as long as several steps.
 COLOR_STEPS, _SELECTION_STEPS = 5, 40
-# Steps between two validations. A validation renders all validation views.
+# Number of steps between two validations. A validation is slow, because it renders all validation views.
 VALIDATION_STEPS = 20
-# Largest move of a corner in a step, relative to the step length. Without this limit Adam's first steps could
-# be much larger.
+# Largest move of a corner in a step, relative to the step length. Without a limit on moves, Adam's first
+# steps could be much larger.
 _MAX_MOVE = 3.0
-# Steps after which the time per step is known well enough to plan the rest. The first step is not counted, as
-# kernels are built in it.
+# After this number of steps, the time per step is known well enough to plan the remaining steps. The first
+# step is not timed, because it builds the kernels.
 _PACE_STEPS = 10
 
 
@@ -60,7 +61,7 @@ class StepSchedule:
         self._is_short = False
 
     def finish_step(self, step: int) -> float:
-        """Record the end of a step; return the share of the search that is done, 1 at its end."""
+        """Count a finished step. Return the finished share of the search, which is 1 at its end."""
         stop = self._progress(step, self._steps)
         self._taken = step
         now, left = time.monotonic(), self._planned - step
@@ -70,8 +71,8 @@ class StepSchedule:
             pace = max(now - self._first, _EPSILON) / (step - 1)
             possible = int((self._until - now) / pace)
             self._is_short |= possible < left
-            # Once the time was short, the step lengths depend on the clock. Then leave out at least one step,
-            # so that a note reports it.
+            # Once the time limit reduces the steps, the step lengths depend on the speed of the machine. In
+            # this case, leave out at least one step, so that a note reports the reduction.
             if self._is_short:
                 left = min(possible, left - 1)
         if stop or now > self._until or left <= 0:
@@ -81,7 +82,7 @@ class StepSchedule:
         return self._share
 
     def notes(self, subject: str) -> list[str]:
-        """Return a note that starts with `subject` if fewer steps than planned were taken."""
+        """Return a note that starts with `subject` if the search took fewer steps than planned."""
         if not 0 < self._taken < self._planned:
             return []
         text = f"{subject}: stopped after {self._taken} of {self._planned} steps; the quality is reduced"
@@ -89,9 +90,9 @@ class StepSchedule:
 
 
 class Adam:
-    """Adam's rule. It turns gradients into moves, in units of the step length.
+    """Adam's rule. Turns gradients into moves by Adam's rule, in units of the step length.
 
-    Coordinates that move together, such as those of a face, share one scale.
+    All coordinates of a face share one scale.
 
     Parameters
     ----------
@@ -106,12 +107,13 @@ class Adam:
         self._square: Floats | float = 0.0
 
     def compute_move(self, gradient: Floats, square: Floats | float) -> Floats:
-        """Return the move (..., 3) to subtract, for the gradient (..., 3) of the error.
+        """Return the move (..., 3) to subtract from the coordinates, for the gradient (..., 3) of the error.
 
-        `square` is the mean squared gradient of the coordinates that share a scale, and broadcasts to
-        `gradient`.
+        The argument `square` is the mean squared gradient over all coordinates with the same scale. The shape
+        of `square` must broadcast to `gradient`.
         """
-        # Running averages. They start at 0, which is corrected for.
+        # Running averages. Both running averages start at 0. The divisions by 1 - decay^step correct this
+        # bias.
         self._step += 1
         self._gradient = _MOMENTUM * self._gradient + (1 - _MOMENTUM) * gradient
         self._square = _SCALE_DECAY * self._square + (1 - _SCALE_DECAY) * square
@@ -133,11 +135,11 @@ def move_faces(
     most: int | None,
     schedule: StepSchedule,
 ) -> Soup:
-    """Move the corners of the selected faces; return the state with the smallest validation error.
+    """Move the corners of the selected faces. Return the state with the smallest validation error.
 
-    Step lengths fall from the first to the last of `step_lengths`, which are relative to the size of a face.
-    At most `most` faces are selected. If faces have fewer than `MIN_FACE_PIXELS` pixels on average, they are
-    not moved.
+    Step lengths fall from the first to the last value of `step_lengths`, relative to the size of a face. At
+    most `most` faces are selected at the end. If faces cover fewer than `MIN_FACE_PIXELS` pixels on average,
+    no face is moved.
     """
     soup.refit_colors(renderer)
     best = BestState(validation)
@@ -151,13 +153,13 @@ def move_faces(
         step += 1
         soup.upload(renderer)
         seen = renderer.sum_faces(sample_views(renderer, random))
-        # Move the corners (F, 3, 3); the nine coordinates of a face share one scale.
+        # Move the corners (F, 3, 3). The nine coordinates of a face share one scale.
         gradients = seen.gradients.astype(np.float64)
         move = adam.compute_move(gradients, np.square(gradients).mean(axis=(1, 2), keepdims=True))
         first, last = step_lengths
         length = first + (last - first) * share
         soup.corners -= (length * _measure_face_sizes(soup)[:, None, None] * move).astype(np.float32)
-        # Fit the colours, select faces and validate, each after its own number of steps.
+        # Fit the colours, select faces and validate at different intervals of steps.
         sums = seen.sums if sums is None else COLOR_DECAY * sums + seen.sums
         if step % COLOR_STEPS == 0:
             soup.fit_colors(seen._replace(sums=sums))

@@ -1,9 +1,10 @@
-"""Face selection of an opaque soup: hide or show many faces at once, and keep changes that are a gain.
+"""Face selection of an opaque soup: hide or show many faces at once, and keep useful changes.
 
-A round hides some of the selected faces, shows some of the hidden ones, and draws a few views before and
-after. The change of a pixel's squared error is assigned to the faces that the pixel shows before and after
-(`SoupRenderer.measure_changes`). A change is only kept if its gain is significant over the views. Otherwise
-noise would decide about faces of few pixels.
+A selection round hides some selected faces, shows some hidden faces, and draws a few views before and after.
+When a pixel changes, its error is assigned to the faces before and after the change
+(`SoupRenderer.measure_changes`). A change of the selection is kept if its gain over the views is
+statistically significant. Without a test of significance, noise would decide which faces of few pixels are
+selected.
 """
 
 import numpy as np
@@ -12,20 +13,21 @@ from msb.bake.arrays import Floats, Ints, Mask
 from msb.bake.soup import Soup
 from msb.bake.soup_renderer import SoupRenderer
 
-# Share of the faces that are tried in a round. It is small, so that neighbours rarely change together. If
-# they did, the error that one causes could be assigned to the other.
+# Share of the faces that a selection round tries. The share is small, so that neighbouring faces rarely
+# change together. If neighbouring faces changed together, the error of one face could be assigned to the
+# other.
 TRIED_SHARE = 0.08
-# Number of views that a round of the face selection draws, and that a step computes gradients from. The time
-# grows with this number, and the noise falls with its square root.
+# A selection round and a descent step render this number of views. The time grows with the number of views,
+# and the noise falls with its square root.
 BATCH_VIEWS = 8
-# A gain must exceed this number of its standard errors. Without it, faces with few pixels overfit the
-# training views.
+# A gain must exceed its standard error multiplied by this number. Without a test of the standard error, faces
+# with few pixels overfit the training views.
 MIN_STANDARD_ERRORS = 0.5
-# A gain must also exceed this squared error, summed over all views of a round. It is far below the error of
-# one wrong pixel.
+# A gain must also exceed this squared error, summed over all views of a round. A gain of this size is far
+# below the error of one wrong pixel.
 _MIN_GAIN = 1e-4
-# `hide_cheapest_faces` hides one in this number of the tried faces per round. All tried faces are judged
-# together, so hiding all of them would open holes where two of them overlap.
+# `hide_cheapest_faces` hides a quarter of the tried faces per round. If all tried faces were hidden,
+# overlapping faces would leave a hole, because their errors are measured together.
 _TRIED_PER_HIDDEN = 4
 
 
@@ -38,10 +40,10 @@ def toggle_faces(
     show: bool = True,
     most: int | None = None,
 ) -> None:
-    """Hide some selected faces and show some hidden ones, if that reduces the error.
+    """Hide some selected faces and show some hidden faces if the change reduces the error.
 
-    Hiding and showing in one round takes half as many renderings, but mixes up the gains of faces that
-    overlap. At most `most` faces are selected afterwards.
+    Hiding and showing in one round halves the renderings, but mixes the gains of overlapping faces. At most
+    `most` faces are selected afterwards.
     """
     selected, hidden = (
         _pick_faces(soup, random, pool) for pool in (soup.selected & hide, ~soup.selected & show)
@@ -50,7 +52,7 @@ def toggle_faces(
     chosen = np.concatenate([selected, hidden[:room]])
     if not len(chosen):
         return
-    # Increase of the error (views, n), its sum over the views, and the standard error of that sum.
+    # Compute the error increase (views, n), its sum over the views, and the standard error of the sum.
     rise = _measure_toggle(soup, renderer, random, chosen)
     views, total = len(rise), rise.sum(axis=0)
     squares = np.maximum(np.square(rise).sum(axis=0) - total**2 / views, 0)
@@ -60,9 +62,9 @@ def toggle_faces(
 
 
 def hide_cheapest_faces(soup: Soup, renderer: SoupRenderer, random: np.random.Generator, most: int) -> None:
-    """Hide faces until `most` are selected.
+    """Hide faces until only `most` faces are selected.
 
-    Each round hides a quarter of the tried faces: those whose removal increases the error least.
+    Each round hides a quarter of the tried faces, namely the faces whose removal increases the error least.
     """
     while (over := soup.selected_count - most) > 0:
         chosen = _pick_faces(soup, random, soup.selected)
@@ -79,7 +81,7 @@ def _pick_faces(soup: Soup, random: np.random.Generator, pool: Mask) -> Ints:
 
 
 def _measure_toggle(soup: Soup, renderer: SoupRenderer, random: np.random.Generator, chosen: Ints) -> Floats:
-    """Hide or show each chosen face; return the increase (views, n) of the error of random views by each."""
+    """Hide or show each chosen face. Return the error increase (views, n) that each face causes."""
     owner = np.full(len(soup.selected), -1, np.int32)
     owner[chosen] = np.arange(len(chosen), dtype=np.int32)
     soup.upload(renderer)

@@ -1,8 +1,8 @@
-"""Fairing: smooth dents of a surface away, and keep its creases.
+"""Fairing smooths dents of a surface and keeps its creases.
 
-The normals of the faces are averaged over similar normals around them. The vertices then move so that the
-faces follow the filtered normals (Sun et al. 2007, Zheng et al. 2011). Without this step a lit surface looks
-like crumpled paper, because the depths of a fitted soup are uneven.
+Each face normal is averaged with the similar normals around it. The vertices then move so that the faces
+follow the filtered normals (Sun et al. 2007, Zheng et al. 2011). Without fairing, a lit surface would look
+crumpled, because the depths of a fitted soup are uneven.
 """
 
 from __future__ import annotations
@@ -18,31 +18,32 @@ from msb.topology.faces import face_vectors
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-# Width of the filter of normals, as a length of the difference of two unit normals. Normals that differ by 30
-# degrees (0.52) have a weight of 0.59, and at a crease of 90 degrees (1.41) the weight is 0.02.
+# Width of the filter of normals, measured as the length of the difference of two unit normals. The filter
+# weight is 0.59 for normals that differ by 30 degrees (0.52), and 0.02 across a crease of 90 degrees (1.41).
 _NORMAL_WIDTH = 0.5
-# Turns of `fair`. Each turn filters the normals and moves the vertices. After ten turns the dents of the demo
-# surfaces are gone, and further turns round their rims.
+# Turns of `fair`. Each turn of fairing filters the normals and moves the vertices. After ten turns the dents
+# of the demo surfaces are gone, and further turns would round the rims.
 _TURNS = 10
-# Shares of the way to the average of the neighbours in the two halves of a turn of `smooth`.
+# One smoothing turn moves a vertex twice, by these shares of the way to the average of its neighbours.
 _SHARES = 0.5, -0.53
-# A face is folded if the cosine of an angle is below this limit: the angle between its normal and the sum of
-# the normals around it, weighted by area. At the rim of a thin sheet, the sum includes both sides, and the
-# cosine is near 0.
+# A face is folded if its normal points away from the normals around it. The cosine between the normal and the
+# area-weighted sum of the surrounding normals is then below this limit. At the rim of a thin sheet, the sum
+# of the surrounding normals includes both sides, so the cosine is near 0.
 _FOLDED = -0.3
-# Smallest length of that sum, relative to the sum of the lengths.
+# Smallest length of the sum of the surrounding normals, relative to the sum of their lengths.
 _AGREEMENT = 0.5
-# Number of faces of the surface per turn, up to all turns. In a coarse surface, faces are as large as the
-# shapes themselves: a level of detail of 1,000 faces gained 0.8 dB with 500 instead of 50.
+# The number of fairing turns is the number of faces divided by this value, up to `_TURNS`. In a coarse
+# surface, faces are as large as the shapes themselves. A level of detail with 1,000 faces gained 0.8 dB with a
+# value of 500 instead of 50.
 _FACES_PER_TURN = 500
-# Rounds of the filter, and rounds of moving the vertices, in a turn of `fair`.
+# Number of filter rounds, and number of rounds that move the vertices, in one turn of `fair`.
 _FILTER_ROUNDS, _MOVE_ROUNDS = 3, 3
 
 
 class Neighbours(NamedTuple):
-    """The faces around each face: those that share a vertex with it, and the face itself.
+    """The faces around each face: all faces that share a vertex with the face, and the face itself.
 
-    The neighbours of face i are ``faces[starts[i]:starts[i + 1]]``; `owner` (n,) is i for each of them.
+    The neighbours of face i are ``faces[starts[i]:starts[i + 1]]``. For each neighbour, `owner` (n,) is i.
     """
 
     owner: Ints
@@ -54,7 +55,8 @@ def find_neighbours(faces: Ints, count: int) -> Neighbours:
     """Return the neighbours of the faces (F, 3) of a mesh with `count` vertices."""
     from scipy.sparse import csr_matrix
 
-    # has (V, F) is 1 where a face has a vertex, so has^T has (F, F) is positive for faces that share one.
+    # The matrix `has` (V, F) marks the faces of each vertex. The product `has.T @ has` (F, F) is positive for
+    # faces that share a vertex.
     rows, columns = faces.reshape(-1), np.repeat(np.arange(len(faces)), 3)
     has = csr_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=(count, len(faces)))
     pairs = (has.T @ has).tocsr()
@@ -63,10 +65,10 @@ def find_neighbours(faces: Ints, count: int) -> Neighbours:
 
 
 def smooth(points: Floats, faces: Ints, turns: int) -> Floats:
-    """Return the points (V, 3) of a surface after `turns` turns of smoothing that keep its volume.
+    """Return the points (V, 3) of a surface after `turns` turns of volume-preserving smoothing.
 
-    A turn moves each vertex towards the average of its neighbours, then away from it (Taubin 1995). It
-    removes the noise of single cells.
+    A turn of smoothing moves each vertex towards the average of its neighbours, then away from the average
+    (Taubin 1995). Smoothing removes the noise of single grid cells.
     """
     average = make_neighbour_average(faces, len(points))
     for _ in range(turns):
@@ -76,9 +78,9 @@ def smooth(points: Floats, faces: Ints, turns: int) -> Floats:
 
 
 def fair(points: Floats, faces: Ints) -> Floats:
-    """Return the points (V, 3) of a surface after some turns of filtering normals and moving vertices.
+    """Filter the normals and move the vertices of a surface in some turns. Return the points (V, 3).
 
-    A surface of few faces has no dents that are small next to the whole, so it is faired less or not at all.
+    A surface with few faces has few small dents. Therefore such a surface gets fewer turns or none.
     """
     neighbours = find_neighbours(faces, len(points))
     average = make_neighbour_average(faces, len(points))
@@ -91,17 +93,19 @@ def fair(points: Floats, faces: Ints) -> Floats:
 
 
 def _unfold(points: Floats, faces: Ints, neighbours: Neighbours, average: csr_matrix) -> Floats:
-    """Return the points (V, 3) with folded faces opened.
+    """Unfold faces that are upside down. Return the points (V, 3).
 
-    A folded face lies upside down between its neighbours. The filter cannot turn it, as its normal differs
-    too much from theirs. Its corners move half way to the average of their neighbours instead.
+    A folded face lies upside down between its neighbours. The filter of normals cannot turn a folded face,
+    because its normal differs too much from the normals around it. The corners of a folded face move half way
+    to the average of their neighbours.
     """
     vectors = face_vectors(points, faces)
     length = np.linalg.norm(vectors, axis=1)
     sums = np.add.reduceat(vectors[neighbours.faces], neighbours.starts[:-1]) - vectors
     total = np.add.reduceat(length[neighbours.faces], neighbours.starts[:-1]) - length
     sum_length = np.linalg.norm(sums, axis=1)
-    # The normals around a folded face agree with each other. Those around a face of a tetrahedron do not.
+    # Around a folded face, the normals of the neighbours agree with each other. The normals around a face of
+    # a tetrahedron disagree.
     is_folded = np.einsum("fk,fk->f", vectors, sums) < _FOLDED * length * sum_length
     is_folded &= sum_length > _AGREEMENT * total
     moved = np.zeros(len(points), bool)
@@ -112,7 +116,7 @@ def _unfold(points: Floats, faces: Ints, neighbours: Neighbours, average: csr_ma
 
 
 def filter_normals(points: Floats, faces: Ints, neighbours: Neighbours, rounds: int) -> Floats:
-    """Return the filtered unit normals (F, 3) of the faces.
+    """Filter the unit normals (F, 3) of the faces.
 
     In each round n_i becomes the unit vector of sum_j A_j exp(-|c_i - c_j|^2 / 2 s_i^2 - |n_i - n_j|^2 / 2
     s_n^2) n_j over the neighbours j, with areas A, centres c, s_n = `_NORMAL_WIDTH`, and s_i^2 the average
@@ -122,7 +126,7 @@ def filter_normals(points: Floats, faces: Ints, neighbours: Neighbours, rounds: 
     vectors = face_vectors(points, faces)
     length = np.linalg.norm(vectors, axis=1)
     normals = vectors / np.maximum(length, 1e-300)[:, None]
-    # The weights (n,) of the pairs by area and distance do not change between rounds.
+    # The area and distance weights (n,) of the pairs do not change between rounds.
     centers = points[faces].mean(axis=1)
     squares = np.square(centers[owner] - centers[others]).sum(axis=1)
     average = np.add.reduceat(squares, starts[:-1]) / np.diff(starts)
@@ -139,10 +143,10 @@ def filter_normals(points: Floats, faces: Ints, neighbours: Neighbours, rounds: 
 
 
 def follow_normals(points: Floats, faces: Ints, normals: Floats, share: float = 1.0) -> Floats:
-    """Return the points (V, 3), moved so that the faces turn towards the unit `normals` (F, 3).
+    """Move the points (V, 3) so that the faces turn towards the unit `normals` (F, 3). Return the points.
 
-    A vertex v moves by `share` of the average over its faces of n (n . (c - v)), where n is the normal and c
-    the centre of a face: towards the plane through the centre.
+    A vertex v moves towards the planes of its adjacent faces. The move is `share` times the average of n
+    dot(n, c - v), where a face has the normal n and the centre c.
     """
     corners = points[faces]
     offsets = np.einsum("fk,fck->fc", normals, corners.mean(axis=1)[:, None] - corners)

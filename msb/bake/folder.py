@@ -1,4 +1,4 @@
-"""The output folder of a bake: the asset and its companions, the report, a preview image and a page."""
+"""The output folder of a bake: the assets, the report, a preview image and a page."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ ASSET = "asset.glb"
 PAGE = "index.html"
 _REPORT, _PREVIEW = "bake.json", "preview.png"
 _SCRIPTS = "camera.js", "page.js", "controls.js", "baked.js", "start.js"
-# Smallest number of pixels of the longer side of a view on the page. Smaller views are enlarged, as a mesh
-# can be drawn at any resolution.
+# Smallest number of pixels of the longer side of a view on the page. Smaller views are enlarged, because
+# meshes can be rendered at any resolution.
 _MIN_PAGE_SIDE = 1024
 
 
@@ -40,11 +40,11 @@ def is_folder(path: Path) -> bool:
     A path with the suffix of a format is always a file.
     """
     is_file = path.suffix.lower() in (ASSET_SUFFIX, *list_written_suffixes())
-    return not is_file and (not path.suffix or os.path.isdir(path))  # noqa: PTH112 - long names raise there
+    return not is_file and (not path.suffix or os.path.isdir(path))  # noqa: PTH112 - is_dir() fails for long names
 
 
 def is_folder_output(paths: Sequence[Path]) -> bool:
-    """Return whether the output is a folder.
+    """Return whether the output is a folder. Reject a folder among several outputs.
 
     Raises
     ------
@@ -59,10 +59,10 @@ def is_folder_output(paths: Sequence[Path]) -> bool:
 
 
 def write_folder(baked: Baked, assets: Sequence[OutputAsset], folder: Path, overwrite: bool) -> Report:
-    """Write a bake with these assets as a folder, all or nothing; return the report with its files.
+    """Write a bake as a complete folder or not at all. Return the report with the written files.
 
-    The folder holds `ASSET`, its levels of detail and its collision shape, the report as `bake.json` with
-    file names relative to the folder, `preview.png`, and a page.
+    The folder holds `ASSET`, its levels of detail, its collision shape, `preview.png` and a page. The report
+    `bake.json` has relative file names.
     """
     with own_folder(folder, overwrite=overwrite) as new:
         files = write_assets(assets, [new / ASSET])
@@ -81,7 +81,7 @@ def write_folder(baked: Baked, assets: Sequence[OutputAsset], folder: Path, over
 def _make_page(
     baked: Baked, assets: Sequence[OutputAsset], report: Report, name: str, image: bytes
 ) -> bytes | None:
-    """Return the page that shows each asset and the report; None if `msb.engines` is not installed."""
+    """Return the page that shows each asset and the report. Return None if `msb.engines` is not installed."""
     try:
         from msb.engines.engine import engine_mesh
         from msb.engines.webpage import fill_template, scene_to_json
@@ -93,12 +93,15 @@ def _make_page(
         for camera in (camera.relative_to(baked.asset.manifest.origin) for camera in preview.cameras)
     ]
     scene = scene_to_json(name, views, up_axis(baked.asset), report.background, find_framing(baked.asset))
-    rows = "held-out views" if report.test else "training views, as no view was held out"
+    rows = "held-out views" if report.test else "training views, because no view was held out"
     scene["baked"] = {
         "facts": _make_facts(report),
         "losses": _make_quality_table(report),
         "preview": f"data:image/png;base64,{_encode(image)}",
-        "caption": f"Columns: {', '.join(preview.columns)}. Rows: {rows}. Meshes have 16 samples per pixel.",
+        "caption": (
+            f"Columns: {', '.join(preview.columns)}. Rows: {rows}. Meshes are drawn with 16 samples per "
+            "pixel."
+        ),
         "notes": list(report.notes),
     }
     meshes = [
@@ -114,9 +117,9 @@ def _encode(data: bytes) -> str:
 
 
 def _make_facts(report: Report) -> list[list[str]]:
-    """Return pairs of a term and a text for the page.
+    """Return pairs of a term and a text for the page of results.
 
-    They list the files, and the audits of the mesh before and after the bake.
+    The pairs list the files, and the audits of the mesh before and after the bake.
     """
     facts = [[ASSET, f"{report.geometry}, {report.size}"]]
     facts += [[str(lod.output), lod.sentence] for lod in report.lods]
@@ -129,7 +132,10 @@ def _make_facts(report: Report) -> list[list[str]]:
 
 
 def _make_quality_table(report: Report) -> list[list[str]]:
-    """Return the head and the rows of a table of PSNR on the test views; empty without a test view."""
+    """Return the head and the rows of a table of PSNR on the test views.
+
+    Without a test view, the table is empty.
+    """
     native, photographs = report.native, report.photographs
     if native is None:
         return []
@@ -140,7 +146,7 @@ def _make_quality_table(report: Report) -> list[list[str]]:
         ("unbaked mesh", "before"),
         ("baked", "after"),
         ("baked, 16 samples per pixel", "after_16"),
-        ("the same, only where the model is", "model_only_16"),
+        ("baked, 16 samples per pixel, covered pixels only", "model_only_16"),
     ]
     rows = [[title, *(_format(getattr(values, key)) for values in columns)] for title, key in titles]
     return [head, *(row for row in rows if any(row[1:]))]

@@ -7,26 +7,29 @@ from msb.bake.surface_distance import sample_surface
 from msb.topology.faces import face_areas
 from msb.topology.hulls import hull_directions
 
-# Points (V, 3) and the faces (F, 3) on them.
+# A hull: points (V, 3) and the faces (F, 3) on these points.
 PointsAndFaces = tuple[Floats, Ints]
 
 # Largest number of corners of the hull of a patch. Physics engines accept hulls of some dozens of corners.
 PATCH_CORNERS = 32
-# Thickness of a box, or of the hull of a flat patch, relative to the diagonal: thin, and still a solid.
+# Thickness of a box or of the hull of a flat patch, relative to the diagonal. The thin shape is still a
+# solid.
 _MIN_THICKNESS = 1e-3
-# A hull counts as flat and is thickened if its volume is below this share of the cube of the diagonal.
+# A hull is flat, and is thickened, if its volume is below this share of the cube of the diagonal.
 _FLAT_VOLUME = 1e-6
-# Both patches reach this far beyond a cut, relative to the diagonal, so that no gap is left between them.
+# Two neighbouring patches overlap by this distance at their cut, relative to the diagonal, so that no gap
+# remains.
 _OVERLAP = 4e-3
-# Cuts are tried at these quantiles of a patch's points along each principal axis. More cuts take longer.
+# Cuts are tried at these quantiles of a patch's points along each principal axis.
 _CUT_QUANTILES = (0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)
-# Number of sample points on the faces. They are used in addition to the vertices, because large faces have
-# few vertices.
+# Number of sample points on the faces. Sample points are used in addition to the vertices, because large
+# faces have few vertices.
 _SAMPLE_POINTS = 5000
-# Boxes are tried on this number of the largest hull faces. The smallest box lies on a large face.
+# The search for the smallest box tries this number of the largest hull faces. The smallest box usually lies
+# on a large face.
 _MAX_BASES = 500
 _TINY = np.finfo(np.float64).tiny
-# The corners (8, 3) of a box, and its faces (12, 3).
+# The corners (8, 3) of a unit box, and its faces (12, 3).
 _BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 _BOX_FACES = np.array(
     [
@@ -41,9 +44,10 @@ _BOX_FACES = np.array(
 
 
 def split_into_patches(points: Floats, faces: Ints, count: int) -> list[Floats]:
-    """Return up to `count` sets of points (n, 3) of a surface whose hulls have a small total volume.
+    """Divide the points of a surface into up to `count` sets (n, 3).
 
-    Repeatedly, the patch with the largest hull is cut at the place that saves the most volume.
+    The hulls of the sets have a small total volume. The patch with the largest hull is cut repeatedly, at the
+    place that saves the most volume.
     """
     points = np.concatenate([points, sample_surface(points, faces, _SAMPLE_POINTS)[0]])
     patches = [(_measure_volume(points), points)]
@@ -57,11 +61,14 @@ def split_into_patches(points: Floats, faces: Ints, count: int) -> list[Floats]:
 
 
 def _cut_patch(points: Floats) -> list[tuple[float, Floats]]:
-    """Return the two parts of a patch with the smallest total volume; empty if it cannot be cut."""
+    """Cut a patch into the two parts with the smallest total volume.
+
+    Return no parts if the patch cannot be cut.
+    """
     best: list[tuple[float, Floats]] = []
     if len(points) < 2:
         return best
-    # Try cuts across each principal axis: at the widest gap, and at some quantiles.
+    # Try cuts across each principal axis, at the widest gap and at some quantiles.
     for axis in _find_principal_axes(points):
         along = points @ axis
         for place in (_find_widest_gap(along), *np.quantile(along, _CUT_QUANTILES)):
@@ -74,7 +81,7 @@ def _cut_patch(points: Floats) -> list[tuple[float, Floats]]:
 
 
 def _find_widest_gap(values: Floats) -> float:
-    """Return the middle of the widest gap between neighbouring values."""
+    """Return the middle of the widest gap between consecutive values."""
     ordered = np.sort(values)
     at = int(np.diff(ordered).argmax())
     return float(ordered[at] + ordered[at + 1]) / 2
@@ -88,7 +95,7 @@ def _find_principal_axes(points: Floats) -> Floats:
 
 
 def _measure_volume(points: Floats) -> float:
-    """Return the volume of the convex hull, thickened if it is flat."""
+    """Return the volume of the convex hull. A flat hull is thickened first."""
     exact = _measure_exact_volume(points)
     return exact if exact >= _FLAT_VOLUME else _measure_exact_volume(_thicken(points))
 
@@ -98,20 +105,20 @@ def _measure_exact_volume(points: Floats) -> float:
 
     try:
         return float(ConvexHull(points).volume)
-    except QhullError:  # the points lie in a plane
+    except QhullError:  # The points lie in a plane.
         return 0.0
 
 
 def _thicken(points: Floats) -> Floats:
-    """Return the corners (8n, 3) of small boxes around points (n, 3)."""
+    """Return the corners (8n, 3) of a small box around each point (n, 3)."""
     return (points[:, None] + _MIN_THICKNESS / 2 * _BOX_CORNERS).reshape(-1, 3)
 
 
 def make_hull(points: Floats) -> PointsAndFaces:
-    """Return a convex hull of at most `PATCH_CORNERS` of the points, thickened if it is flat."""
+    """Return a convex hull of at most `PATCH_CORNERS` of the points. A flat hull is thickened."""
     from scipy.spatial import ConvexHull
 
-    # The extreme points in evenly spread directions, in coordinates scaled by the principal axes.
+    # Extreme points in evenly spread directions, in coordinates scaled by the principal axes.
     axes = _find_principal_axes(points)
     along = (points - points.mean(axis=0)) @ axes.T
     along /= np.maximum(np.abs(along).max(axis=0), _TINY)
@@ -129,14 +136,14 @@ def make_hull(points: Floats) -> PointsAndFaces:
 
 
 def fit_box(points: Floats) -> PointsAndFaces:
-    """Return a small box around the points: the smallest one in several frames of directions.
+    """Return a small box around the points: the smallest box among several orientations.
 
-    The directions are the coordinate axes, the principal axes, and frames of large faces of the convex hull.
-    Such a frame consists of the normal of the face, an edge, and the direction across both.
+    The orientations are the coordinate axes, the principal axes, and frames of large faces of the convex
+    hull. The frame of a face consists of its normal, an edge, and the direction perpendicular to both.
     """
     bases, corners = _make_hull_frames(points)
     axes = _find_principal_axes(points)
-    axes[2] *= np.sign(np.linalg.det(axes))  # in a mirrored frame the faces would look inwards
+    axes[2] *= np.sign(np.linalg.det(axes))  # A mirrored frame would turn the faces inwards.
     # Extents (n, 3) of the corners along each frame (n, 3, 3), and the frame with the smallest volume.
     frames = np.concatenate([[np.eye(3), axes], bases])
     along = np.einsum("nij,pj->npi", frames, corners)
@@ -148,18 +155,21 @@ def fit_box(points: Floats) -> PointsAndFaces:
 
 
 def _make_hull_frames(points: Floats) -> tuple[Floats, Floats]:
-    """Return frames (n, 3, 3) on the largest faces of the convex hull, and the corners of the hull."""
+    """Return frames (n, 3, 3) for the largest faces of the convex hull, and the corners of the hull."""
     from scipy.spatial import ConvexHull, QhullError
 
-    for options in ("Qt", "QJ"):  # QJ moves points at random, so that even points in a plane have a hull
+    for options in (
+        "Qt",
+        "QJ",
+    ):  # QJ moves points at random, so that points in a plane have a hull.
         try:
             hull = ConvexHull(points, qhull_options=options)
         except QhullError:
             continue
         corners = hull.points[hull.simplices]
         largest = np.argsort(-face_areas(hull.points, hull.simplices)[0], kind="stable")[:_MAX_BASES]
-        # Each side of a face gives a frame: the direction of the side, the direction across it within the
-        # face, and the normal of the face.
+        # Each side of a face gives a frame. The axes are the side, the direction across the side within the
+        # face, and the face normal.
         side = np.roll(corners[largest], -1, axis=1) - corners[largest]
         along = (side / np.maximum(np.linalg.norm(side, axis=2, keepdims=True), _TINY)).reshape(-1, 3)
         up = np.repeat(hull.equations[largest, :3], 3, axis=0)

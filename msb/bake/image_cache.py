@@ -1,4 +1,4 @@
-"""A folder of native renderings. Later bakes of the same model reuse them."""
+"""A folder that caches native renderings. Later bakes of the same model reuse the cached renderings."""
 
 import hashlib
 import json
@@ -17,19 +17,20 @@ from msb.scenes import Camera
 
 # The suffix of cached images.
 SUFFIX = ".look"
-# Bytes of the SHA-256 that stands before the pixels in a file.
+# Number of bytes of the SHA-256 hash that precedes the pixels in a file.
 _HASH_BYTES = hashlib.sha256().digest_size
 
 
 class ImageCache:
-    """A folder with one file per image, named by a hash of the model, the renderer and the camera.
+    """A cache folder with one file per image, named by a hash of the model, the renderer and the camera.
 
-    A file consists of the SHA-256 of the pixels and the pixels themselves: row by row, three uint16 each.
+    A file contains the SHA-256 hash of the pixels, then the pixels row by row. A pixel is three uint16
+    values.
 
     Parameters
     ----------
     folder : Path
-        It is created when the first image is stored.
+        The folder is created when the first image is stored.
     asset : Asset
         The rendered model.
     renderer : tuple of str
@@ -52,7 +53,7 @@ class ImageCache:
         background: tuple[float, float, float],
         render: Callable[[Camera], NDArray[np.uint16]],
     ) -> NDArray[np.uint16]:
-        """Return the image (H, W, 3) of a camera from its file, or render and store it.
+        """Return the image (H, W, 3) of a camera from its cached file, or render and store the image.
 
         A damaged file is ignored, and its image is rendered again. Raises the errors of `render`, and
         OutputError.
@@ -74,7 +75,7 @@ class ImageCache:
         return image
 
     def notes(self) -> list[str]:
-        """If images were reused or damaged, return a note with their numbers."""
+        """If cached images were reused or damaged, return a note with their numbers."""
         if not self._reused and not self._damaged:
             return []
         count = len(self._reused)
@@ -95,7 +96,7 @@ class ImageCache:
 
 
 def _read_checked(path: Path, shape: tuple[int, int, int]) -> NDArray[np.uint16] | None:
-    """Return the pixels of a file, or None if its size or its hash is wrong."""
+    """Return the pixels of a cached file, or None if its size or its hash is wrong."""
     size = 2 * math.prod(shape)
     data = memoryview(read_file(path, _HASH_BYTES + size))
     if len(data) != _HASH_BYTES + size or hashlib.sha256(data[_HASH_BYTES:]).digest() != data[:_HASH_BYTES]:

@@ -25,21 +25,22 @@ from msb.render import Renderer
 from msb.render.backend import check_supported, minimal_options
 from msb.scenes import Camera
 
-# Number of samples along each side of a pixel for images of a standard-tier mesh. 4 x 4 samples look about
-# like the multisampling of an engine.
+# Number of samples along each side of a pixel for standard-tier images. 4 x 4 samples look similar to the
+# multisampling of an engine.
 SAMPLES_PER_SIDE = 4
 
 
-# Alpha from which a pixel shows the model: half a level of 8 bits.
+# A pixel belongs to the model if its alpha is at least half of 1 / 255.
 _MIN_ALPHA = 0.5 / 255
 
 
 class ImageSource:
     """Renders or reads the target images of the views of a bake.
 
-    The native rendering is the dedicated tier. A mesh without one is drawn on the standard tier with 16
-    samples per pixel. If the supervision is "photographs", the training images are the scene's photographs.
-    Native renderings are then only used for measurements. Native renderings in the folder `cache` are reused.
+    Native renderings are drawn by the dedicated tier. A mesh without a native rendering is drawn on the
+    standard tier with 16 samples per pixel. If the supervision is "photographs", the training images are the
+    scene's photographs. With photographs, native renderings are only used for measurements. Native renderings
+    in the folder `cache` are reused by later bakes.
     """
 
     def __init__(
@@ -51,7 +52,10 @@ class ImageSource:
         cache: Path | None = None,
     ) -> None:
         if supervision == "photographs" and views.scene is None:
-            text = "photographs can only supervise with a scene; pass --scene with the folder of the scene"
+            text = (
+                "photographs can only supervise a bake with a scene; pass --scene with the folder of "
+                "the scene"
+            )
             raise UsageError("USAGE", text)
         self._asset, self._views, self.supervision = asset, views, supervision
         manifest = asset.manifest
@@ -63,23 +67,23 @@ class ImageSource:
         self._renderer: Renderer | None = self._open()
         name = self._renderer.name
         self.cache: ImageCache | None = None
-        """Native renderings of earlier bakes, if a folder for them is given."""
+        """The folder of native renderings from earlier bakes, or None."""
         if cache is not None:
             record = choose_device(device).record
             identity = __version__, name, json.dumps(options), record.name, record.driver
             self.cache = ImageCache(cache, asset, identity)
 
     def training_images(self, cameras: Sequence[Camera], scale: int = 1) -> ViewImages:
-        """Return the images that supervise, `scale` times as large as the views.
+        """Return the training images, `scale` times as large as the views.
 
-        Photographs are not scaled, as enlarging them would add no detail.
+        Photographs are not scaled, because enlarged photographs have no more detail.
         """
         if self.supervision == "photographs":
             return self.photographs(cameras)
         return self.native_images([camera.scaled(scale) if scale > 1 else camera for camera in cameras])
 
     def native_images(self, cameras: Sequence[Camera]) -> ViewImages:
-        """Return the native renderings of cameras, drawn on first use."""
+        """Return the native renderings of cameras. Each image is drawn on first use."""
         backgrounds = [self._views.background_of(camera) for camera in cameras]
 
         def draw(camera: Camera) -> NDArray[np.uint16]:
@@ -95,7 +99,7 @@ class ImageSource:
         return self._open_renderer().render(camera, self._views.background).alpha >= _MIN_ALPHA
 
     def photographs(self, cameras: Sequence[Camera]) -> ViewImages:
-        """Return the photographs of the scene's cameras, prepared as for metrics, read on first use."""
+        """Return the photographs of the scene's cameras, prepared as for metrics and read on first use."""
         return ViewImages(cameras, self._views.background, self._read_photograph)
 
     def _render(self, camera: Camera) -> NDArray[np.uint16]:
@@ -118,7 +122,7 @@ class ImageSource:
         return ground_truth(self._views.scene, camera)
 
     def release(self) -> None:
-        """Free the memory on the device; the next rendering opens the renderer again."""
+        """Free the memory of the renderer on the device. The next rendering opens the renderer again."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None

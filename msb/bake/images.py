@@ -1,6 +1,6 @@
-"""Cameras and the image that each should show: training, validation and test images.
+"""Cameras with their target images: training, validation and test images.
 
-Each image is rendered or read once and then kept in a temporary file, not in memory.
+Each image is rendered or read once and then kept in a temporary file instead of memory.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from msb.bake.arrays import Singles
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
-# A function that takes a camera and returns its image (H, W, 3) in the asset's colour space, as float RGB or
-# as integers up to `MAX_LEVEL`.
+# A function that draws the image (H, W, 3) of a camera in the asset's colour space. The image has float RGB
+# values, or integers up to `MAX_LEVEL`.
 DrawImage = Callable[["Camera"], Singles | NDArray[np.uint16]]
-# Images are stored with 16 bits per channel. Their rounding error is 257 times smaller than with 8 bits, so
-# that it does not limit PSNR.
+# Images are stored as integers with 16 bits per channel. With 16 bits, the rounding error is 257 times
+# smaller than with 8 bits and does not limit PSNR.
 MAX_LEVEL = 65535
-# With this number of views or more, each image is halved on one pixel grid instead of two. Neighbouring views
-# then use different grids. This saves a sixth of the pixels.
+# If there are at least this many views, each image is halved on one pixel grid instead of two. Halving on a
+# single grid saves a sixth of the pixels.
 _MANY_VIEWS = 32
 
 
 class ViewImages:
-    """Cameras and the image that each should show.
+    """Cameras with their target images.
 
-    An image is drawn on first use and kept in an anonymous temporary file, so that memory does not grow with
-    the number of views.
+    An image is drawn on first use and kept in an anonymous temporary file. Memory therefore does not grow
+    with the number of views.
     """
 
     def __init__(
@@ -44,10 +44,10 @@ class ViewImages:
     ) -> None:
         self.cameras = tuple(cameras)
         self.backgrounds = (background,) * len(self.cameras) if backgrounds is None else tuple(backgrounds)
-        """The colour behind the model in each image; `background` by default."""
+        """The background colour of each image."""
         self.background = background
         self.weights = (1.0,) * len(self.cameras)
-        """Weight of a pixel of each image in the least-squares fit of colours."""
+        """The weight of a pixel of each image in the least-squares fit of colours."""
         self._draw = draw
         self._offsets: dict[int, int] = {}
         self._file: IO[bytes] | None = None
@@ -61,7 +61,7 @@ class ViewImages:
         return self.stored_image(number) * np.float32(1 / MAX_LEVEL)
 
     def stored_image(self, number: int) -> NDArray[np.uint16]:
-        """Return image `number` as (H, W, 3) uint16, where `MAX_LEVEL` is 1."""
+        """Return image `number` as (H, W, 3) uint16. The value `MAX_LEVEL` means 1."""
         camera = self.cameras[number]
         if self._file is None:
             self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
@@ -77,24 +77,24 @@ class ViewImages:
         return np.frombuffer(self._file.read(2 * count), np.uint16).reshape(camera.height, camera.width, 3)
 
     def select(self, numbers: Sequence[int]) -> ViewImages:
-        """Return the images with these numbers. They stay stored in this object."""
+        """Return a subset of the images, with these numbers. This object keeps the files of the images."""
         return _ImageSubset([(self, number) for number in numbers], [self.weights[k] for k in numbers])
 
     def with_coarser_levels(self, pixels: int) -> ViewImages:
-        """Return these images and halved copies of them; the smallest copies have at most `pixels` pixels.
+        """Return these images and halved copies. The smallest copies have at most `pixels` pixels.
 
-        An image can be halved on four pixel grids, which start 0 or 1 pixels further right and down. Each
-        image is halved on two grids that together cover all rows and columns. If there are many views, each
-        image is halved on one grid only. Successive views use different grids. Pixels of a halved image have
-        a larger weight, so that all sizes count alike. Images of two pixels or less along a side are not
-        halved.
+        An image can be halved on four pixel grids, which are shifted 0 or 1 pixels to the right and down.
+        Each image is halved on two grids that together cover all rows and columns. If there are many views,
+        each image is halved on one grid only. Successive views use different grids. Pixels of a halved image
+        have a larger weight, so that all image sizes have equal total weight. Images of two pixels or less
+        along a side are not halved.
         """
         level = [(self, number) for number in range(len(self))]
         chosen, weights = [*level], [1.0] * len(level)
         grids = 1 if len(self) >= _MANY_VIEWS else 2
         while level[0][0].max_pixels > pixels and level[0][0]._shortest_side > 2:
-            # The grids of view number `turn`. Each is given by its shift (right, down) in pixels of the
-            # larger image.
+            # Choose the pixel grids for halving view number `turn`. A grid is given by its shift (right,
+            # down) in pixels of the larger image.
             level = [
                 (images._halve(right, right ^ turn % 2), number)
                 for turn, (images, number) in enumerate(level)
@@ -116,8 +116,8 @@ class ViewImages:
     def limited_to(self, pixels: int) -> ViewImages:
         """Return these images, halved until the largest has at most `pixels` pixels.
 
-        A pixel of a halved image is the average of four pixels. Each size is computed once. `close` of these
-        images also deletes the files of the halved ones.
+        A pixel of a halved image is the average of four pixels. Each image size is computed once. Closing
+        these images also deletes the temporary files of their halved images.
         """
         if self.max_pixels <= pixels:
             return self
@@ -142,7 +142,7 @@ class ViewImages:
         numbers = {id(camera): number for number, camera in enumerate(cameras)}
 
         def average(camera: Camera) -> NDArray[np.uint16]:
-            # Sums of 2 x 2 pixels in integers, rounded to the nearest average.
+            # Sums of 2 x 2 pixels as integers, rounded to the nearest average.
             image = self.stored_image(numbers[id(camera)])[down:, right:]
             image = image[: 2 * camera.height, : 2 * camera.width]
             rows = np.add(image[::2], image[1::2], dtype=np.uint32)
@@ -153,7 +153,7 @@ class ViewImages:
         return halves
 
     def close(self) -> None:
-        """Delete the temporary files of these and of halved images."""
+        """Delete the temporary files of these images and of their halved images."""
         for halves in self._halves.values():
             halves.close()
         if self._file is not None:
@@ -170,7 +170,7 @@ class ViewImages:
 
 
 def quantize(image: Singles | NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """Return an image as uint16, where `MAX_LEVEL` is 1. NaN becomes 0."""
+    """Return an image as uint16. The value `MAX_LEVEL` means 1. NaN becomes 0."""
     if image.dtype == np.uint16:
         return np.ascontiguousarray(image)
     scaled = image * np.float32(MAX_LEVEL)
@@ -181,7 +181,10 @@ def quantize(image: Singles | NDArray[np.uint16]) -> NDArray[np.uint16]:
 
 
 class _ImageSubset(ViewImages):
-    """Images that are stored in other sets. Each is a pair: the set, and the number of the image in it."""
+    """A subset of the images of other image sets.
+
+    An image is identified by its set and its number in the set.
+    """
 
     def __init__(self, chosen: Sequence[tuple[ViewImages, int]], weights: Sequence[float]) -> None:
         first = chosen[0][0]

@@ -1,4 +1,4 @@
-"""Levels of detail: the baked mesh with fewer faces, fitted to the training images again."""
+"""Levels of detail: the baked mesh with fewer faces, each level fitted to the training images again."""
 
 import math
 import time
@@ -20,19 +20,21 @@ from msb.bake.space import Space
 from msb.bake.surface_distance import measure_distances, sample_surface
 from msb.meshes.mesh import Mesh
 
-# Number of rows of a full-HD screen. On it the geometric error of a level must be below a pixel.
+# A level of detail is evaluated on a full-HD screen with this number of pixel rows. On such a screen, the
+# geometric error of a level must be below a pixel.
 SCREEN_ROWS = 1080
-# Percentile of the errors of the sample points that counts as the error of a level, so that a few outliers do
-# not decide.
+# The error of a level is this percentile of the errors at the sample points. A few outliers therefore have no
+# influence.
 _ERROR_PERCENTILE = 95.0
-# Smallest share of a soup's faces that one stage keeps; the kept faces are then moved. With such stages a
-# level of 50 % loses 0.1 to 0.3 dB. With stages that hid more faces it lost up to 0.6 dB.
+# One reduction stage keeps at least this share of the faces of a soup. The kept faces are then moved. With
+# stages of this size, a level with 50 % of the faces loses 0.1 to 0.3 dB. With stages that hid more faces,
+# such a level lost up to 0.6 dB.
 _STAGE_SHARE = 0.5
-# Number of steps that move the remaining faces of a stage, or the vertices of a surface. A level of a walled
-# scene gains 0.2 dB with 300 steps instead of 200.
+# A soup's remaining faces, or a surface's vertices, move in this number of steps. With 300 steps instead of
+# 200, a level of a walled scene gains 0.2 dB.
 _STEPS = 300
-# Step length of a soup at the start and at the end, relative to the size of a face. Small last steps keep the
-# gain of the first ones.
+# Length of a soup's descent step at the start and at the end, relative to the size of a face. Small last
+# steps preserve the gain of the first steps.
 _STEP_LENGTHS = 0.03, 0.0003
 
 
@@ -41,14 +43,14 @@ def make_lods(
 ) -> Iterator[tuple[Mesh, list[str]]]:
     """Yield a mesh for each of the falling `shares` of the faces, and notes for the user.
 
-    A level is made when the iterator reaches it. Its search takes at most `seconds`. A level has rough vertex
-    colours and no texture.
+    A level of detail is made when the iterator reaches it. The search for a level takes at most `seconds`. A
+    level has rough vertex colours and no texture.
 
-    A soup loses the faces whose removal increases the error in the training images least. The other faces are
-    then moved to fill their places. Each level is made from the previous one. A connected mesh is reduced by
-    quadric error, with its colour seams merged. A closed mesh is reduced in the coordinates of `Space.fit`,
-    and its vertices are then moved in these coordinates. It stays closed, manifold and consistently wound.
-    Unseen parts keep the colours of `mesh`.
+    In a soup, faces are hidden if their removal increases the error in the training images least. The other
+    faces of a soup are then moved to cover the gaps. Each level of detail is made from the previous level. A
+    connected mesh is reduced by quadric error, with its colour seams merged. A closed mesh is reduced in the
+    coordinates of `Space.fit`, and its vertices are then moved. A closed mesh stays closed, manifold and
+    consistently wound. Unseen parts keep the colours of `mesh`.
 
     Raises
     ------
@@ -68,7 +70,7 @@ def make_lods(
 def _reduce_soup(
     mesh: Mesh, context: SearchContext, counts: Sequence[int], level_seconds: float
 ) -> Iterator[tuple[Mesh, list[str]]]:
-    """Yield the soup with its least useful faces hidden, in stages, and the others moved."""
+    """Yield a soup per level: hide the least useful faces in stages, and move the other faces."""
     whole = len(mesh.faces)
     random = context.make_random()
     soup = Soup.from_mesh(mesh, share_colors=False)
@@ -76,7 +78,8 @@ def _reduce_soup(
     notes: list[str] = []
     seconds = level_seconds
     for stage, (count, left) in enumerate(stages):
-        # Larger faces need fewer pixels. With 1/8 of the faces, images of `PIXELS_TO_MOVE` pixels suffice.
+        # Larger faces need fewer image pixels. With 1/8 of the faces, images of `PIXELS_TO_MOVE` pixels are
+        # large enough.
         pixels = 8 * PIXELS_TO_MOVE * count // whole
         with context.limited_to(pixels).open_renderers(soup) as (renderer, validation):
             # Hide unseen faces first, then the least useful ones.
@@ -94,7 +97,7 @@ def _reduce_soup(
             seconds = max(0.0, seconds - (time.monotonic() - began))
         # Drop hidden faces, so that later stages do not try to show them again.
         soup = soup.drop_hidden()
-        notes = schedule.notes("moving the triangles") or notes  # the notes also apply to later levels
+        notes = schedule.notes("moving the triangles") or notes  # Notes also apply to later levels.
         if left == 1:
             yield soup.to_mesh(), notes
             seconds = level_seconds
@@ -103,7 +106,7 @@ def _reduce_soup(
 def _reduce_closed(
     mesh: Mesh, whole: SearchContext, counts: Sequence[int], seconds: float
 ) -> Iterator[tuple[Mesh, list[str]]]:
-    """Yield a closed surface with fewer faces for each count; its vertices are moved."""
+    """Yield a closed surface with fewer faces for each count, with moved vertices."""
     context = whole.limited_to(PIXELS_TO_MOVE)
     cameras = context.training.cameras
     visible = find_visible_points(mesh, cameras, context.device)
@@ -123,7 +126,7 @@ def _reduce_closed(
 def _reduce_open(
     mesh: Mesh, context: SearchContext, counts: Sequence[int]
 ) -> Iterator[tuple[Mesh, list[str]]]:
-    """Yield an open surface with fewer faces for each count; its vertices are not moved."""
+    """Yield an open surface with fewer faces for each count, without moving its vertices."""
     points = mesh.vertices.astype(np.float64)
     for level, count in enumerate(counts):
         _report_progress(context, level, len(counts), 0, 1)
@@ -132,20 +135,20 @@ def _reduce_open(
 
 
 def _report_step(context: SearchContext, stage: int, stages: int, step: int, _steps: int) -> bool:
-    """Report a step of a stage; return whether to stop."""
+    """Report the progress within a stage. Return whether to stop."""
     return _report_progress(context, stage, stages, step, context.count_steps(_STEPS))
 
 
 def _report_progress(context: SearchContext, level: int, levels: int, done: int, total: int) -> bool:
-    """Report the progress over all levels; return whether to stop."""
+    """Report the progress over all levels. Return whether to stop."""
     return context.progress("levels of detail", level * total + done, levels * total)
 
 
 def _plan_stages(faces: int, counts: Sequence[int]) -> list[tuple[int, int]]:
-    """Return the stages: pairs of the number of faces, and the number of stages until the next level.
+    """Return the stages as pairs: the number of faces, and the number of stages until the next level.
 
-    The second number is 1 if the stage itself completes a level. The numbers of faces fall from `faces`
-    through all `counts`. No stage keeps less than `_STAGE_SHARE` of the faces.
+    The second number is 1 if this stage completes a level of detail. The numbers of faces fall from `faces`
+    through all `counts`. A stage never keeps less than `_STAGE_SHARE` of the faces.
     """
     stages: list[tuple[int, int]] = []
     for count in counts:
@@ -157,14 +160,14 @@ def _plan_stages(faces: int, counts: Sequence[int]) -> list[tuple[int, int]]:
 
 
 def measure_screen_share(mesh: Mesh, lod: Mesh, *, rows: int = SCREEN_ROWS) -> float:
-    """Return the height of the model, as a share of the image height, below which `lod` can replace `mesh`.
+    """Return the largest relative height of the model in an image at which `lod` can replace `mesh`.
 
-    Below this height, 95 % of the points of either surface are less than a pixel away from the other surface,
-    in an image of `rows` rows. The height of the model is the diameter of a sphere. The centre of the sphere
-    is the centre of the model's box, and its surface goes through the farthest vertex. The result is at most
-    1. Differences of colour are not measured.
+    At this height, 95 % of the points of each surface are less than a pixel from the other surface. The image
+    has `rows` rows. The height of the model is the diameter of its bounding sphere. The bounding sphere has
+    the centre of the model's bounding box, and contains the farthest vertex. The result is at most 1. Colour
+    differences are not measured.
     """
-    # Distances in both directions.
+    # Distances between the two surfaces in both directions.
     ends = [(part.vertices.astype(np.float64), part.faces) for part in (mesh, lod)]
     pairs = (ends, ends[::-1])
     distances = [measure_distances(sample_surface(*start)[0], *end) for start, end in pairs]

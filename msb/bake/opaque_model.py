@@ -16,31 +16,32 @@ from msb.meshes.assets import mesh_from_asset, with_vertex_colors
 from msb.meshes.charts import with_sampled_colors
 from msb.meshes.mesh import Mesh
 
-# Limits, tried in this order, for the ratio of a face's blending weight to the number of pixels that it
-# covers as an opaque face. Faces below the limit are pruned, because the faces behind them contribute more.
-# The validation images decide which limit is best. A limit of 0.25 was best for a walled scene and for a
-# garden. Limits above 0.4 open holes.
+# These limits apply to a ratio: the blending weight of a face, divided by the number of pixels that the
+# opaque face covers. The limits are tried in this order. Faces with a smaller ratio are pruned, because the
+# faces behind them contribute more to native renderings. The validation images decide which limit is best.
+# The value 0.25 was best for a walled scene and for a garden. Limits above 0.4 open holes.
 WEIGHT_RATIOS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35)
-# A face is near a camera if its distance is below this share of the median distance of visible faces.
+# A face is near a camera if its distance is below this share of the median distance of the visible faces.
 _NEAR_SHARE = 0.25
-# Covered pixels are measured in every second training view. This saves a fifth of the time of a bake with
-# kept triangles.
+# Covered pixels are measured in every second training view. Skipping half of the views saves a fifth of the
+# time of a bake with kept triangles.
 _VIEW_STEP = 2
 
 
 def hide_stray_faces(soup: Soup, renderer: SoupRenderer, best: BestState) -> Soup:
-    """Return the best state of a soup without its stray faces.
+    """Hide the stray faces of a soup. Return the best state.
 
-    Faces that no training view shows are always hidden, because nothing determines their place and colour.
-    Faces that a single view shows, and faces near a camera, are often haze that became opaque. They are
-    hidden if that does not increase the error in the validation images.
+    Faces that no training view shows are always hidden, because no image determines their place and colour.
+    Faces that only a single view shows, and faces near a camera, are often haze that became opaque. Faces of
+    haze are hidden if hiding them does not increase the error in the validation images.
     """
     count = len(soup.selected)
     views, nearest = np.zeros(count, np.int64), np.full(count, np.inf)
     depths = []
     centers = soup.corners.mean(axis=1, dtype=np.float64)
     soup.upload(renderer)
-    # In how many views each face is visible (F,), and its smallest distance from a camera that sees it (F,).
+    # Count the views (F,) that show each face, and find the smallest distance (F,) from a camera that sees
+    # the face.
     for number, camera in enumerate(renderer.images.cameras):
         shown = renderer.sum_faces([number], gradients=False).max_pixels > 0
         distance = np.linalg.norm(centers[shown] - camera.center, axis=1)
@@ -62,7 +63,7 @@ def hide_stray_faces(soup: Soup, renderer: SoupRenderer, best: BestState) -> Sou
 
 
 def to_opaque_mesh(asset: Asset) -> Mesh:
-    """Return the triangles of `asset` with vertex colours, grey if its method has no static colours."""
+    """Return the triangles of `asset` with vertex colours, or grey without static colours."""
     if why_not(asset.manifest, "standard") is not None:
         faces = asset.buffers["indices"].astype(np.int64)
         return Mesh(np.array(asset.buffers["positions"]), faces)
@@ -72,14 +73,14 @@ def to_opaque_mesh(asset: Asset) -> Mesh:
 def prune_faces(
     soup: Soup, asset: Asset, renderer: SoupRenderer, best: BestState, weights: BlendingWeights | None
 ) -> None:
-    """Prune the faces of `soup` that cover far more pixels than they contribute to native renderings.
+    """Prune faces of `soup` that cover far more pixels than they contribute to native renderings.
 
-    `best` keeps the state with the smallest validation error. Without `weights` no face is pruned. Until its
-    colour is fitted, a face has the average colour of the pixels that show it.
+    The object `best` keeps the state with the smallest validation error. Without `weights` no face is pruned.
+    A face has the average colour of the pixels that show it, until its colour is fitted.
     """
     if weights is not None:
-        # Weights (F,) in pixels. They were measured in images of another size, so scale them to the size of
-        # the drawn images.
+        # Blending weights (F,) in pixels. The weights were measured in images of another size, so scale them
+        # to the size of the drawn images.
         views = len(renderer.images)
         part = -(-views // _VIEW_STEP) / views
         visible = visible_faces(asset, stored_threshold(asset))
@@ -91,7 +92,8 @@ def prune_faces(
             soup.colors[weight > 0] = color[weight > 0, None].astype(np.float32)
     covered = count_pixels(soup.refit_colors(renderer, _VIEW_STEP))
     best.evaluate(soup)
-    # Raise the limit step by step. Each step uncovers further faces, so colours are fitted again.
+    # Raise the limit of the ratio step by step. Each pruning step uncovers further faces, so colours are
+    # fitted again.
     for ratio in WEIGHT_RATIOS if weights is not None else ():
         soup.selected &= weight >= ratio * covered
         covered = count_pixels(soup.refit_colors(renderer, _VIEW_STEP))

@@ -1,6 +1,6 @@
-"""The options of a bake: of `msb.bake`, of the command and of a protocol's `[[bakes]]`.
+"""The options of a bake in `msb.bake`, in the command and in a protocol's `[[bakes]]`.
 
-Nothing here imports NumPy, so that the help of the command stays fast.
+This module does not import NumPy, so that the help of the command stays fast.
 """
 
 import os
@@ -23,18 +23,18 @@ Material = Literal["unlit", "lit"]
 CollisionKind = Literal["mesh", "hulls", "box"]
 Effort = Literal["draft", "normal", "fine"]
 
-# Effort -> number of steps of each search, relative to the normal number.
+# Relative number of steps of a search for each `effort`.
 _STEPS: dict[str, float] = {"draft": 0.25, "normal": 1.0, "fine": 2.5}
 
-# Faces of the smallest closed mesh, a tetrahedron.
+# Number of faces of a tetrahedron, the smallest closed mesh.
 MIN_CLOSED_FACES = 4
-# Largest number of faces or convex parts of a collision shape. The limit catches typing mistakes.
+# Largest number of faces or convex parts of a collision shape. This limit on numbers catches typing mistakes.
 _MAX_COLLISION_SIZE = 1 << 20
 
 
 @dataclass(frozen=True)
 class BakeOptions:
-    """The result, the images and the time of a bake; `msb.bake` describes each option.
+    """Options for the result, the images and the time of a bake. `msb.bake` describes each option.
 
     Raises
     ------
@@ -45,16 +45,17 @@ class BakeOptions:
     geometry: Annotated[
         GeometryChoice,
         Option(
-            "Choose the triangles. kept: the model's triangles. fitted: triangles moved until the opaque "
-            "image matches. surface: one closed surface. auto: the better of kept and fitted.",
+            "Choose the triangles. kept: the model's triangles. fitted: triangles moved until the "
+            "opaque image matches the model. surface: one closed surface. auto: the better result of "
+            "kept and fitted.",
             metavar="auto|kept|fitted|surface",
         ),
     ] = "auto"
     for_solid: Annotated[
         bool,
         Option(
-            "Prefer a closed surface; fall back to fitted triangles if no valid surface is found. A closed "
-            "mesh file keeps its triangles."
+            "Prefer a closed surface; fall back to fitted triangles if no valid surface is found. The "
+            "triangles of a closed mesh file are kept."
         ),
     ] = False
     color: Annotated[
@@ -68,7 +69,8 @@ class BakeOptions:
         Supervision | None,
         Option(
             "Fit to native renderings of the model, or to the photographs of --scene. Default: native "
-            "renderings. With --geometry auto both are tried, and photographs are chosen if they gain 0.5 dB."
+            "renderings. With --geometry auto, both kinds of images are tried, and photographs are "
+            "chosen if they gain 0.5 dB."
         ),
     ] = None
     faces: Annotated[
@@ -78,7 +80,7 @@ class BakeOptions:
     texture: Annotated[
         int | None,
         Option(
-            "Make a texture of N x N texels. Default: chosen by the resolution of the images.",
+            "Make a texture of N x N texels. By default, the PSNR in the validation views decides the size.",
             least=16,
             most=16384,
         ),
@@ -86,8 +88,8 @@ class BakeOptions:
     material: Annotated[
         Material,
         Option(
-            "Show the colours as stored (unlit), or let programs light them (lit). Lit colours contain the "
-            "light of the photographs as well."
+            "Make other programs show the colours as stored (unlit), or light them (lit). Baked colours "
+            "always contain the light of the photographs."
         ),
     ] = "unlit"
     lods: Annotated[
@@ -109,8 +111,8 @@ class BakeOptions:
     thickness: Annotated[
         float,
         Option(
-            "Set the thickness of the walls that make an interior a solid, as a share of the distance from "
-            "its middle.",
+            "Set the thickness of the walls that make an interior a solid, as a share of the distance "
+            "from the middle of the interior.",
             least=1e-3,
             most=1,
         ),
@@ -118,8 +120,8 @@ class BakeOptions:
     effort: Annotated[
         Effort,
         Option(
-            "Set the number of steps of the search. draft: a quarter of the normal number. fine: 2.5 times "
-            "the normal number."
+            "Set the number of steps of the search. draft: a quarter of the normal number of steps. "
+            "fine: 2.5 times the normal number."
         ),
     ] = "normal"
     seconds: Annotated[
@@ -142,8 +144,8 @@ class BakeOptions:
     up: Annotated[
         UpDirection | None,
         Option(
-            "Set the direction that is up, for generated views and in mesh files: an axis such as +z, or "
-            "three numbers. Default: that of the asset, else of the cameras of --scene.",
+            "Set the direction that is up, for generated views and in mesh files: an axis such as +z, "
+            "or three numbers. Default: the up direction of the asset, else of the cameras of --scene.",
             metavar="AXIS|X,Y,Z",
         ),
     ] = None
@@ -152,7 +154,10 @@ class BakeOptions:
     floor: Floor = False
     views: Annotated[
         ViewKind | None,
-        Option("Generate views around the model, inside it, or both. Default: the views that see more."),
+        Option(
+            "Generate views around the model, inside it, or both. Default: the views that show more of "
+            "the model."
+        ),
     ] = None
     keep_best: Annotated[bool, Option("On Ctrl-C, write the best result instead of nothing.")] = False
     cache: Annotated[
@@ -179,17 +184,20 @@ class BakeOptions:
 
     @property
     def lod_shares(self) -> tuple[float, ...]:
-        """The levels of detail as falling shares of the faces; empty by default."""
+        """The levels of detail as falling shares of the faces. The value is empty by default."""
         return () if self.lods is None else parse_lods(self.lods)
 
     @property
     def frame(self) -> Frame | None:
-        """The up direction and the unit that are given, without the floor; None if nothing is given."""
+        """The up direction and the unit from the options, without the floor.
+
+        The value is None if neither option is given.
+        """
         return make_frame(self.up, self.scale, self.known_distance)
 
     @property
     def step_factor(self) -> float:
-        """The number of steps of each search, relative to the normal number."""
+        """The number of steps of each search, relative to the normal number of steps."""
         return _STEPS[self.effort]
 
     @property
@@ -225,7 +233,7 @@ class BakeKeywords(TypedDict, total=False):
 
 
 def parse_lods(lods: str | Sequence[float]) -> tuple[float, ...]:
-    """Return the shares of the faces in "0.5,0.25,0.1" or in a sequence; they are in (0, 1) and fall.
+    """Return the falling shares of the faces, between 0 and 1, from a text or a sequence.
 
     Raises
     ------
@@ -239,13 +247,13 @@ def parse_lods(lods: str | Sequence[float]) -> tuple[float, ...]:
         shares = (0.0,)
     if any(not 0 < share < before for before, share in zip((1.0, *shares), shares, strict=False)):
         given = shorten(lods if isinstance(lods, str) else ",".join(map(str, lods)), 40)
-        text = f"--lods is {given}; it must be falling shares of the faces, such as 0.5,0.25,0.1"
+        text = f"--lods is {given}; pass falling shares of the faces, such as 0.5,0.25,0.1"
         raise UsageError("USAGE", text)
     return shares
 
 
 def parse_collision(text: str) -> tuple[CollisionKind, int]:
-    """Return the kind and the largest number of faces or parts in "mesh:1000", "hulls:16" or "box".
+    """Return the kind and the largest number of faces or parts in a text such as "mesh:1000".
 
     Raises
     ------
@@ -261,11 +269,11 @@ def parse_collision(text: str) -> tuple[CollisionKind, int]:
     if name == "hulls" and 1 <= count <= _MAX_COLLISION_SIZE:
         return "hulls", count
     expected = f"mesh:N (N faces, {MIN_CLOSED_FACES} or more), hulls:N (N convex parts) or box"
-    raise UsageError("USAGE", f'--collision is "{shorten(text, 40)}"; it must be {expected}')
+    raise UsageError("USAGE", f'--collision is "{shorten(text, 40)}"; pass {expected}')
 
 
 def need_libraries(options: BakeOptions) -> None:
-    """Reject a closed surface if its libraries are not installed. The error names all missing extras."""
+    """Reject the geometry `surface` if libraries are missing. The error names all missing extras."""
     if options.makes_surface:
         hulls = options.collision is not None and parse_collision(options.collision)[0] == "hulls"
         trial = ["fast_simplification", "xatlas", *(["coacd"] if hulls else [])]

@@ -1,8 +1,8 @@
-"""The outer skin of an interior: it makes the inside of a room a solid with walls.
+"""An outer skin makes the surface of an interior a solid with walls.
 
-The surface of a scene encloses the free space around the cameras, so its faces look inwards and its volume is
-negative. Booleans, printing and physics need a solid with a positive volume. The skin is a second closed
-surface around the first one, whose faces look outwards. The first surface is not changed.
+The surface of a scene encloses the free space around the cameras. Therefore the faces of the surface look
+inwards, and its volume is negative. Booleans, 3D printing and physics need a solid with a positive volume.
+The skin is a second closed surface around the first surface, with faces that look outwards.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from msb.bake.simplification import is_closed_surface
 from msb.meshes.mesh import Mesh
 from msb.topology.faces import signed_volume
 
-# Subdivisions of an icosahedron that give the directions of the skin: 642 directions, 1,280 faces, edges of 8
+# The skin is an icosahedron after this number of subdivisions: 642 directions, 1,280 faces, edges of 8
 # degrees.
 _SUBDIVISIONS = 3
-# Largest angle in radians between two sampled points of a face. It is below the edges of the skin, so that no
-# direction misses a face.
+# Largest angle in radians between two sampled points of a face. The sampling angle is below the edges of the
+# skin, so that no direction misses a face.
 _MAX_STEP = 0.07
-# Largest number of rounds that halve the edges of faces to sample them.
+# Largest number of rounds that halve the edges of faces to sample the faces.
 _MAX_ROUNDS = 6
 # Colour of the skin, which no view sees: a neutral grey.
 _GREY = 128
@@ -36,11 +36,11 @@ def is_interior(mesh: Mesh) -> bool:
 
 
 def add_outer_skin(mesh: Mesh, thickness: float) -> Mesh:
-    """Return `mesh` with an outer skin, after its own vertices and faces.
+    """Append an outer skin to the vertices and faces of `mesh`, and return the result.
 
-    In each direction from the middle, the skin lies behind the farthest point of the surface, by `thickness`
-    times the distance of that point. So it never touches the surface. It is grey, or has the colour of one
-    texel.
+    In each direction from the middle, the surface has a farthest point. The skin lies behind this farthest
+    point. The skin is behind this point by `thickness` times the distance of the point from the middle. The
+    skin is grey, or has the colour of one texel.
     """
     points = mesh.vertices.astype(np.float64)
     middle = np.median(points[np.unique(mesh.faces)], axis=0)
@@ -65,7 +65,7 @@ def _make_sphere() -> tuple[Floats, Ints]:
     golden = (1 + np.sqrt(5)) / 2
     rectangle = np.array([[-1, golden, 0], [1, golden, 0], [-1, -golden, 0], [1, -golden, 0]])
     points = np.concatenate([np.roll(rectangle, turn, axis=1) for turn in range(3)])
-    # The faces are the triples of corners at the smallest distance from each other.
+    # The faces are the triples of corners with the smallest distances from each other.
     near = np.isclose(np.linalg.norm(points[:, None] - points, axis=2), 2)
     faces = np.array(
         [
@@ -81,7 +81,7 @@ def _make_sphere() -> tuple[Floats, Ints]:
     )
     faces[inward] = faces[inward][:, ::-1]
     for _ in range(_SUBDIVISIONS):
-        # Halve the edges: number (3F,) is the new point of each side.
+        # Halve the edges. `number` (3F,) is the number of the new point in the middle of each side.
         sides = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
         ends, number = np.unique(sides, axis=0, return_inverse=True)
         ab, bc, ca = (len(points) + number.reshape(-1, 3)).T
@@ -93,14 +93,14 @@ def _make_sphere() -> tuple[Floats, Ints]:
 
 
 def _find_farthest(corners: Floats, directions: Floats, faces: Ints) -> Floats:
-    """Return the largest distance (V,) from the origin of the corners (F, 3, 3) around each direction (V, 3).
+    """Return the largest distance (V,) of face corners (F, 3, 3) around each direction (V, 3).
 
-    A direction also has the distances of its neighbours on the sphere. One without points has the largest
-    distance of all.
+    The distance of a direction is the maximum over its neighbours on the sphere as well. A direction without
+    points gets the largest distance of all directions.
     """
     from scipy.spatial import cKDTree
 
-    # Split faces that span a large angle, so that their corners sample them.
+    # Split faces that span a large angle, so that the new corners sample the faces.
     samples = [corners.reshape(-1, 3)]
     for _ in range(_MAX_ROUNDS):
         unit = corners / np.maximum(np.linalg.norm(corners, axis=2, keepdims=True), 1e-300)
@@ -120,7 +120,7 @@ def _find_farthest(corners: Floats, directions: Floats, faces: Ints) -> Floats:
     radius = np.zeros(len(directions))
     np.maximum.at(radius, nearest, length)
     radius[radius == 0] = length.max()
-    # Take the largest of the neighbours, so that faces between two directions lie beyond the points there.
+    # Use the maximum over the neighbours, so that the faces of the skin lie behind all points.
     largest = radius.copy()
     sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     np.maximum.at(largest, sides[:, 0], radius[sides[:, 1]])

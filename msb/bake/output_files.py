@@ -1,4 +1,4 @@
-"""The files of a bake: several formats at once, all or none."""
+"""The files of a bake in several formats. Either all files are written, or none."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
     WriteFile = Callable[[BinaryIO], object]
 
-# The smallest mesh with a texture. It needs the same files beside the main one as any textured mesh.
+# The smallest mesh with a texture, used to list the files of a textured mesh. Any textured mesh needs the
+# same additional files.
 _SMALLEST_TEXTURED = Mesh(
     np.zeros((3, 3), np.float32),
     np.arange(3)[None],
@@ -37,10 +38,10 @@ _SMALLEST_TEXTURED = Mesh(
 
 
 class OutputAsset(NamedTuple):
-    """An asset of a bake, the ending of its file name, and the `extras` that its GLB contains.
+    """An asset of a bake, the ending of its file name, and the `extras` in its GLB.
 
-    `collision` is the collision shape that a USD stage includes, and `is_convex` whether its parts are
-    convex. With `is_lit`, programs light the materials.
+    The field `collision` is the collision shape that a USD stage includes. The field `is_convex` states
+    whether its parts are convex. With `is_lit`, other programs light the materials.
     """
 
     ending: str
@@ -52,7 +53,7 @@ class OutputAsset(NamedTuple):
 
 
 def list_endings(levels: int, *, has_collision: bool) -> list[str]:
-    """Return the endings of file names: of the main asset, its levels of detail, its collision shape."""
+    """Return the endings of file names: of the main asset, levels of detail and collision shape."""
     endings = ["", *(f"_lod{number}" for number in range(1, levels + 1))]
     return [*endings, "_collision"] if has_collision else endings
 
@@ -63,14 +64,14 @@ def add_ending(path: Path, ending: str) -> Path:
 
 
 def list_output_files(paths: Sequence[Path], endings: Sequence[str] = ("",)) -> list[Path]:
-    """Return all files that `write_assets` may write to `paths`, including files that a texture needs.
+    """Return all files that `write_assets` may write for `paths`, including files that a texture needs.
 
     Raises
     ------
     UsageError
         USAGE: two outputs would write the same file.
     """
-    written: dict[Path, Path] = {}  # file -> the path of `paths` that it belongs to
+    written: dict[Path, Path] = {}  # A dictionary from each file to the path in `paths` that it belongs to.
     for path in paths:
         suffix = output_suffix(path)
         for ending in endings:
@@ -80,7 +81,7 @@ def list_output_files(paths: Sequence[Path], endings: Sequence[str] = ("",)) -> 
                 if file in written:
                     both = f"--out {written[file]} and --out {path}"
                     raise UsageError(
-                        "USAGE", f"{both} would both write this file; use different names", file=file
+                        "USAGE", f"{both} would both write this file; pass different names", file=file
                     )
                 written[file] = path
     return list(written)
@@ -89,16 +90,16 @@ def list_output_files(paths: Sequence[Path], endings: Sequence[str] = ("",)) -> 
 def write_assets(
     assets: Sequence[OutputAsset], paths: Sequence[Path], overwrite: bool = False
 ) -> list[tuple[Path, int]]:
-    """Write assets to all paths, each in the format of its suffix, all or none.
+    """Write assets to all paths in the formats of their suffixes. If one file fails, write no file.
 
-    Returns for each asset its file at the first path, and a size in bytes. The size includes the files that
-    this file needs beside it.
+    For each asset, returns its file at the first path and the size in bytes. The size includes additional
+    files that this file needs.
     """
     if not paths:
         raise UsageError("USAGE", "missing output; pass a path to write to")
     list_output_files(paths, [asset.ending for asset in assets])
     writes: list[tuple[Path, WriteFile]] = []
-    # For each asset at the first path: its file, and the number of files up to it.
+    # For each asset at the first path, store the file and the number of files up to this file.
     main: list[tuple[Path, int]] = []
     for path in paths:
         for asset in assets:
@@ -115,12 +116,12 @@ def write_assets(
 
 
 def _plan_writes(output: OutputAsset, place: Path) -> list[tuple[Path, WriteFile]]:
-    """Return the files of one asset, and a function that writes each."""
+    """Return the files of one asset, and a function that writes each file."""
     suffix = output_suffix(place)
     if suffix == ASSET_SUFFIX:
         return [(place, partial(write_packed, output.asset))]
     mesh = fit_to_format(mesh_from_asset(output.asset), suffix)
-    # A surface has smooth normals. The faces of a soup are flat and need none.
+    # A surface has smooth normals. The faces of a soup are flat and need no normals.
     if "normals" in FORMATS[suffix].keeps and not is_soup(mesh.faces):
         mesh = with_smooth_normals(mesh)
     shape = output.collision if "collision" in FORMATS[suffix].keeps else None
@@ -139,7 +140,7 @@ def _plan_writes(output: OutputAsset, place: Path) -> list[tuple[Path, WriteFile
 
 
 def _split_parts(mesh: Mesh) -> tuple[Mesh, ...]:
-    """Return the parts of a mesh that share no vertex."""
+    """Return the parts of a mesh. Different parts share no vertex."""
     label = label_parts(mesh.vertices, mesh.faces)
     return tuple(with_faces(mesh, label == number) for number in np.unique(label))
 

@@ -40,37 +40,38 @@ from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.topology.faces import face_areas
 
-# Share of the option `seconds` for moving fitted triangles, and for each level of detail.
+# The movement of fitted triangles, and each level of detail, may take this share of `seconds`.
 _FITTED_SHARE = 2 / 3
-# Share of the option `seconds` for each of the two searches of a surface. The first fits the soup that the
-# depth maps show, the second moves the vertices. Including the steps without a time limit, a surface takes
-# 1.5 times as long as fitted triangles.
+# Each of the two searches of a surface may take this share of `seconds`. The first search fits the soup for
+# the depth maps, and the second search moves the vertices. Together with the steps that have no time limit, a
+# surface takes 1.5 times as long as fitted triangles.
 _SURFACE_SHARE = 0.4
-# Smallest time limit of a search in seconds. It allows a single step.
+# Smallest time limit of a search in seconds. A search with this limit still makes a single step.
 _MIN_SECONDS = 1e-3
-# A texture of half the size is used if it costs at most this number of dB, on average over images with one
-# sample per pixel and with 16.
+# The texture is halved if this loses at most this number of dB. The loss is averaged over images with 1 and
+# with 16 samples per pixel.
 _MAX_TEXTURE_LOSS = 0.02
 _SAMPLES = (1, SAMPLES_PER_SIDE)
-# Smallest number of texels along a side of a texture whose size is chosen.
+# Smallest number of texels along a side of a texture with automatic size.
 _MIN_TEXTURE_SIDE = 256
-# Smallest number of texels per face in the texture of a level of detail. A face of a soup with margins needs
-# about 4.
+# Smallest number of texels per face in the texture of a level of detail. A face of a soup with its margin
+# needs about 4 texels.
 _TEXELS_PER_FACE = 8
-# Width and height of the training images relative to the views. With images of the same size as the views, a
-# texture looks blurred in the views. Moved faces followed the aliasing of such images, and PSNR was 1.3 dB
-# lower.
+# Scale of the training images: their width and height relative to the views. If the training images have the
+# size of the views, a texture looks blurred in the views. In addition, moved faces followed the aliasing of
+# such images, which lowered PSNR by 1.3 dB.
 _IMAGE_SCALE = 2
 _SOLID_CANDIDATES: tuple[Geometry, ...] = ("fitted", "surface")
 _OPAQUE_NOTE = (
-    "the baked triangles are opaque; parts that alpha cut off have the colour of the surface behind"
+    "the baked triangles are opaque; parts that alpha cut off show the colour of the surface behind them"
 )
 
 
 def _choose_texture_side(whole: int, share: float, faces: int) -> int:
-    """Return the side in texels of a level's texture: a power of two for `share` of the whole texture.
+    """Return the side of a level's texture in texels.
 
-    Each of the `faces` has room for a few texels, as far as it has in the whole texture.
+    The side is a power of two. The argument `share` is the level's share of the texels. Each of the `faces`
+    gets a few texels. The level's texture is never larger than the whole texture.
     """
     least = min(whole, 1 << math.ceil(math.log2(math.sqrt(_TEXELS_PER_FACE * max(faces, 1)))))
     return max(least, 1 << int(math.log2(whole * math.sqrt(share)) + 1e-9))
@@ -82,7 +83,7 @@ def _is_solid(asset: Asset) -> bool:
 
 @dataclass(frozen=True)
 class Choice:
-    """The chosen geometry, the unseen share of the model's area, the PSNR of the candidates, and notes."""
+    """The chosen geometry, the unseen share of the model's area, the candidates' PSNR, and notes."""
 
     geometry: Geometry
     unseen_area: float
@@ -91,7 +92,7 @@ class Choice:
 
 
 class BakePipeline:
-    """The training and validation images of a bake, and the stages that use them.
+    """The training and validation images of a bake, and the stages of the bake that use these images.
 
     Parameters
     ----------
@@ -121,7 +122,7 @@ class BakePipeline:
         self._is_splat = asset.manifest.primitive == "gaussian"
         self._pixels = max(camera.width * camera.height for camera in views.all_but_test)
         self._images = source.training_images(views.all_but_test, self._choose_image_scale())
-        # Validation views come last; without any, the training views validate as well.
+        # Validation views come last. Without validation views, use the training views for the validation.
         first = range(len(views.all_but_test) - len(views.validation))
         self._training = self._images.select(first)
         self._validation = self._images.select(range(len(first), len(views.all_but_test)) or first)
@@ -142,10 +143,10 @@ class BakePipeline:
     def _choose_image_scale(self) -> int:
         """Return the scale of the training images relative to the views.
 
-        Larger images show the borders of faces more precisely, so the images of small views are larger than
-        the views. If no face moves, no texture is fitted and faces have enough pixels, a scale of 1 suffices.
-        The images are then rendered in a quarter of the time. Gaussians are dilated by a part of a pixel, so
-        larger images would show other, thinner ones.
+        Larger images show the borders of faces more precisely, so the training images are larger than small
+        views. Use the scale 1 if no face moves, no texture is fitted, and faces cover enough pixels. Images
+        at scale 1 are rendered in a quarter of the time. Renderers dilate Gaussians by a part of a pixel, so
+        the Gaussians are thinner in larger images.
         """
         if self._is_splat:
             return 1
@@ -159,12 +160,12 @@ class BakePipeline:
         return 1 if is_static and has_pixels and not options.lod_shares else _IMAGE_SCALE
 
     def close(self) -> None:
-        """Delete the stored images."""
+        """Delete the stored images of the bake."""
         for images in (self._training, self._validation, self._images):
             images.close()
 
     def make_mesh(self, stopped: Callable[[], bool]) -> tuple[Mesh, Choice]:
-        """Return the mesh as it is written to files, and the choice between its candidates."""
+        """Return the final mesh for files, and the choice between its candidates."""
         self._progress("looking at the model", 0, len(self._images))
         for number in range(len(self._images)):
             self._images.stored_image(number)
@@ -189,7 +190,7 @@ class BakePipeline:
         weights: BlendingWeights | None,
         stopped: Callable[[], bool],
     ) -> tuple[Mesh, Choice]:
-        """Make the candidates of these names, and return the chosen one with its final colours."""
+        """Make the named candidates. Return the chosen candidate with its final colours."""
         candidates: dict[Geometry, Mesh] = {}
         candidate_notes: dict[Geometry, list[str]] = {}
         for name in names:
@@ -201,8 +202,8 @@ class BakePipeline:
                 if not candidates:
                     raise
                 notes.append(f"{name} could not be made: {error.message}")
-        # Compare the candidates in the validation images. Their colours are fitted to the training images
-        # only.
+        # Compare the candidates by their validation images. While candidates are compared, their colours are
+        # fitted to the training images only.
         tried: dict[str, float] = {}
         if len(candidates) > 1:
             targets = [self._validation.limited_to(self._pixels)]
@@ -214,10 +215,10 @@ class BakePipeline:
                 tried[name] = measure_psnr(asset, targets, SAMPLES_PER_SIDE, self._device)[0]
         chosen, why = self._choose_candidate(candidates, tried)
         notes += candidate_notes[chosen]
-        if self._options.lod_shares:  # levels start with the vertex colours, not the texture
+        if self._options.lod_shares:  # Levels start with the vertex colours, not the texture.
             self._untextured = candidates[chosen]
         if stopped():
-            notes.append("interrupted; this is the best result until then")
+            notes.append("interrupted; the result is the best state until the interruption")
         # The final colours are fitted to all images.
         target = self._choose_color_target(chosen, candidates[chosen])
         size = None
@@ -233,9 +234,10 @@ class BakePipeline:
         return mesh, Choice(chosen, unseen, tried, tuple(notes))
 
     def _choose_texture_size(self, name: Geometry, mesh: Mesh) -> int:
-        """Return the number of texels along a side: the default, or less if the validation images allow it.
+        """Return the number of texels along a side: the default, or less at the same quality.
 
-        Too many texels cost bytes, and single samples of an engine then miss some of them.
+        A texture with too many texels wastes bytes and causes aliasing in engines that take one sample per
+        pixel.
         """
         targets = [self._validation.limited_to(self._pixels)]
 
@@ -249,7 +251,7 @@ class BakePipeline:
         while size > _MIN_TEXTURE_SIDE:
             try:
                 half, half_psnr = measure(size // 2)
-            except UsageError:  # the faces do not fit into half the texture
+            except UsageError:  # The faces do not fit into half the texture.
                 break
             if half_psnr < psnr - _MAX_TEXTURE_LOSS:
                 break
@@ -259,19 +261,19 @@ class BakePipeline:
     def _choose_candidate(
         self, candidates: dict[Geometry, Mesh], tried: dict[str, float]
     ) -> tuple[Geometry, str]:
-        """Return the name of the chosen candidate, and the reason if there was a choice."""
+        """Return the name of the chosen candidate, and the reason if several candidates were compared."""
         best = max(candidates, key=lambda name: tried.get(name, 0.0))
         if not tried:
             return best, ""
         if "surface" not in candidates:
-            return best, f"{best} was chosen as the better of kept and fitted"
+            return best, f"{best} was chosen as the better result of kept and fitted"
         verdict = Verdict.of(audit(asset_from_mesh(candidates["surface"])))
         if verdict.level == "bad":
             return "fitted", f"fitted was chosen, because the verdict on the surface is BAD: {verdict.reason}"
-        return "surface", "surface was chosen, as tools for solids need it"
+        return "surface", "surface was chosen, because tools for solids need a closed surface"
 
     def _measure_visibility(self) -> tuple[float, BlendingWeights | None]:
-        """Return the area share that no view sees, and the blending weights in the training images."""
+        """Return the share of the area that no view shows, and the blending weights of the faces."""
         if self._is_splat and self._list_candidates()[0] == ["surface"]:
             return 0.0, None
         self._progress("weighing faces", 0, 1)
@@ -295,7 +297,7 @@ class BakePipeline:
         options = self._options
         if options.geometry != "auto":
             return [options.geometry], []
-        if self._is_splat:  # stand-in triangles of Gaussians are no candidate
+        if self._is_splat:  # Gaussians have stand-in triangles, which are not used as a candidate.
             return ["surface"], []
         if options.for_solid:
             if self._context.shows_model_mesh and options.faces is None and _is_solid(self._asset):
@@ -310,9 +312,10 @@ class BakePipeline:
         return count * MIN_FACE_PIXELS > min(self._images.max_pixels, PIXELS_TO_MOVE)
 
     def _choose_color_target(self, name: Geometry, mesh: Mesh) -> ColorTarget:
-        """Return whether the colours of a candidate go to a texture or to the vertices.
+        """Return whether a candidate has its colours in a texture or at the vertices.
 
-        Tiny fitted triangles have vertex colours by default, as a texture would have ten times the bytes.
+        Tiny fitted triangles have vertex colours by default, because a texture would need ten times the
+        bytes.
         """
         options = self._options
         is_free = options.color is None and options.texture is None
@@ -329,8 +332,8 @@ class BakePipeline:
         source: Mesh | Asset = self._asset
         notes: list[str] = []
         if name == "fitted" or not self._is_splat:
-            # `--faces` limits the faces of the surface itself. It does not limit the soup that the surface is
-            # made from.
+            # `--faces` limits the surface itself. `--faces` does not limit the soup from which the surface is
+            # made.
             budget = options.faces if name == "fitted" else None
             if budget not in self._soups:
                 seconds = self._limit_seconds(_FITTED_SHARE if name == "fitted" else _SURFACE_SHARE)
@@ -350,7 +353,7 @@ class BakePipeline:
         return mesh, [*(f"triangle soup for the surface: {note}" for note in notes), *surface_notes]
 
     def _limit_seconds(self, share: float) -> float:
-        """Return the time limit in seconds of a search that has this share of the option `seconds`."""
+        """Return the time limit in seconds of a search with this share of the option `seconds`."""
         seconds = self._options.seconds
         return math.inf if seconds is None else max(share * seconds, _MIN_SECONDS)
 
@@ -359,8 +362,7 @@ class BakePipeline:
     ) -> tuple[list[tuple[LodReport, Mesh]], list[str]]:
         """Return the levels of detail of the chosen mesh, and notes for the user.
 
-        The pixels of their textures fall with the number of faces, to the next lower power of two along a
-        side.
+        The number of texels falls with the number of faces. The side is rounded down to a power of two.
         """
         if not shares:
             return [], []
@@ -374,7 +376,8 @@ class BakePipeline:
                 lod, lod_notes = next(lods)
             except AssetError as error:
                 notes.append(
-                    f"levels with {100 * share:g} % of the faces or fewer were not made: {error.message}"
+                    f"levels of detail with {100 * share:g} % of the faces or fewer were not made: "
+                    f"{error.message}"
                 )
                 break
             side = None if size is None else _choose_texture_side(size, share, len(lod.faces))
@@ -395,16 +398,16 @@ class BakePipeline:
     def _fit_colors(
         self, name: Geometry, mesh: Mesh, target: ColorTarget, images: ViewImages, size: int | None = None
     ) -> Mesh:
-        """Return a mesh as it is written to files, with colours fitted to the images.
+        """Return the final mesh for files, with colours fitted to the images.
 
-        Vertex colours are rounded to bytes. A texture has `size` texels along a side; the default is the
+        Vertex colours are rounded to bytes. A texture has `size` texels along a side. The default is the
         option `texture`.
         """
         cameras = images.limited_to(_IMAGE_SCALE**2 * self._pixels).cameras
         images = images.with_coarser_levels(self._pixels)
         self._progress("colours", 0, 1)
         is_textured = target == "texture"
-        # Vertex colours: the result, or the initial texture. Few images suffice for the latter.
+        # An initial texture only needs colours that are fitted to a few images.
         mesh = fit_vertex_colors(mesh, select_first_pass(images) if is_textured else images, self._device)
         if is_textured:
             self._progress("texture", 0, 1)

@@ -1,4 +1,4 @@
-"""The frame of a bake: which direction is up, the length of the unit, and the height of the floor."""
+"""The frame of a bake: the up direction, the length of the unit, and the height of the floor."""
 
 from dataclasses import replace
 
@@ -12,16 +12,17 @@ from msb.bake.views import BakeViews
 from msb.base.origin import Origin
 from msb.render import Renderer
 
-# Longer side in pixels of the images in which the lowest visible point is searched.
+# Longer side, in pixels, of the images in which the lowest visible point is searched.
 _SIDE = 320
 
 
 def choose_frame(
     model: Asset, baked: Asset, views: BakeViews, options: BakeOptions, device: str | None
 ) -> Frame | None:
-    """Return the frame of the baked asset; None if nothing is known that its model does not record.
+    """Return the coordinate frame of the baked asset.
 
-    Up is the given direction, else that of the model, else the one that the cameras of the scene suggest.
+    Return None if this frame equals the frame of the model. The up direction is given, else taken from the
+    model, else estimated from the cameras of the scene.
     """
     frame = options.frame or Frame()
     if frame.up is None and views.scene is not None and model.manifest.coordinate_frame.known_up is None:
@@ -33,7 +34,7 @@ def choose_frame(
 
 
 def move_frame(frame: Frame | None, origin: Origin) -> Frame | None:
-    """Return the frame of a scene in which positions are relative to `origin`, without that origin."""
+    """Return the frame of a scene for positions relative to `origin`."""
     if frame is None or frame.up is None or frame.floor is None:
         return frame
     return replace(frame, floor=frame.floor + float(np.dot(frame.up, origin)))
@@ -42,13 +43,16 @@ def move_frame(frame: Frame | None, origin: Origin) -> Frame | None:
 def _find_floor(
     baked: Asset, views: BakeViews, up: tuple[float, float, float], device: str | None
 ) -> float | None:
-    """Return the lowest height along `up` that at least two views see; None if they see nothing."""
+    """Return the lowest height along `up` that at least two views show.
+
+    Return None if no surface is visible.
+    """
     lowest, direction = [], np.array(up)
     with Renderer(baked, "standard", device) as renderer:
         for camera in (*views.training, *views.validation, *views.test):
             small = camera.scaled(min(1.0, _SIDE / max(camera.width, camera.height)))
             depth = renderer.render(small, views.background).depth
-            assert depth is not None  # the standard tier has depths
+            assert depth is not None  # The standard tier renders depths.
             # Height (n,) of the surface at each covered pixel.
             rows, columns = np.nonzero(np.isfinite(depth) & (depth > 0))
             z = depth[rows, columns].astype(np.float64)

@@ -16,15 +16,15 @@ from msb.render import Renderer
 from msb.scenes import Camera
 from msb.views import spread_evenly
 
-# Number of rows of the preview. A row shows one view.
+# Number of rows of the preview image. Each row of the preview shows one view.
 _VIEWS = 2
-# Pixels of the largest image; three columns of it fit on a screen.
+# Number of pixels of the largest image. Three columns of this size fit on a screen.
 _MAX_PIXELS = 1 << 18
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Preview:
-    """Images of a few views side by side, and the views that a page offers.
+    """Images of a few views side by side, and the views that a page can show.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Preview:
     cameras: tuple[Camera, ...]
 
     def moved_back(self, origin: Origin) -> Preview:
-        """Return the preview with its cameras in the scene, from cameras relative to `origin`."""
+        """Return the preview with its cameras, which are relative to `origin`, in scene coordinates."""
         to_scene = -np.asarray(origin)
         return replace(self, cameras=tuple(camera.relative_to(to_scene) for camera in self.cameras))
 
@@ -77,7 +77,7 @@ def make_preview(
 
 
 def _join_columns(columns: list[list[Singles]], background: tuple[float, float, float]) -> Singles:
-    """Join columns of images; all images of a row have the same size, but rows may differ in size."""
+    """Join columns of images. The images of one row must have the same size."""
     width = max(image.shape[1] for image in columns[0])
     heights = [image.shape[0] for image in columns[0]]
     joined = np.full((sum(heights), len(columns) * width, 3), background, np.float32)

@@ -21,10 +21,10 @@ from msb.render.standard.renderer import StandardRenderer
 def measure_quality(
     model: Asset, baked: Asset, views: BakeViews, source: ImageSource, device: str | None
 ) -> tuple[Psnr | None, Psnr | None]:
-    """Return the PSNR of a baked asset on the test views, to native renderings and to photographs.
+    """Return the PSNR of a baked asset on the test views, compared with native renderings and photographs.
 
-    Both are None without a test view, or if the model covers too few pixels; the second is None without a
-    scene.
+    Both results are None without test views. Both results are also None if the model covers too few pixels.
+    The PSNR to photographs is None without a scene.
     """
     test = views.test
     if not test or views.why_not_judged is not None:
@@ -33,7 +33,7 @@ def measure_quality(
         targets = [stack.enter_context(source.native_images(test))]
         if views.scene is not None:
             targets.append(stack.enter_context(source.photographs(test)))
-        # Draw all native renderings first, then free the memory of their renderer.
+        # Draw all native renderings first, then free the memory of the native renderer.
         for number in range(len(test)):
             targets[0].stored_image(number)
         covered = [source.covers(camera) for camera in test]
@@ -56,7 +56,8 @@ def _measure_model_only(
 ) -> float:
     """Return the average PSNR in dB over the pixels that the model or the baked mesh covers.
 
-    `covered` has the masks (H, W) of the model. Other pixels show the background in both images.
+    The argument `covered` has the coverage masks (H, W) of the model. Pixels that neither mesh covers show
+    the background in both images.
     """
     values = []
     with closing(StandardRenderer(baked, device=device, supersample=SAMPLES_PER_SIDE)) as renderer:
@@ -70,9 +71,10 @@ def _measure_model_only(
 def measure_psnr(
     asset: Asset, targets: Sequence[ViewImages], samples: int, device: str | None
 ) -> list[float]:
-    """Return the average PSNR in dB of standard-tier images to each set of target images.
+    """Return the average PSNR in dB between standard-tier images and each set of target images.
 
-    All sets have the same cameras. Images have `samples` samples along each side of a pixel.
+    All sets of target images have the same cameras. The drawn images have `samples` samples along each side
+    of a pixel.
     """
     values: list[list[float]] = [[] for _ in targets]
     with closing(StandardRenderer(asset, device=device, supersample=samples)) as renderer:

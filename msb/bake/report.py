@@ -44,11 +44,14 @@ class Psnr:
 
     @property
     def is_worse(self) -> bool:
-        """Whether the unbaked mesh is closer to the reference than the baked one at 16 samples per pixel."""
+        """Whether the unbaked mesh is closer to the reference than the baked mesh, at 16 samples."""
         return self.before is not None and self.after_16 < self.before
 
     def to_dict(self, *, is_to_native: bool) -> dict[str, float | None]:
-        """Return the quality as JSON data; `native` and `model_only_16` depend on the reference."""
+        """Return the quality as JSON data.
+
+        The supervision determines whether `native` or `model_only_16` is present.
+        """
         values = asdict(self)
         del values["native" if is_to_native else "model_only_16"]
         return values
@@ -56,7 +59,7 @@ class Psnr:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The audit's verdict on a mesh: the level ("OK", for example), a sentence, and a short reason."""
+    """The audit's verdict on a mesh: the level (such as "OK"), a sentence, and a short reason."""
 
     level: str
     sentence: str
@@ -75,7 +78,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class LodReport:
-    """A level of detail.
+    """A level of detail in the report of a bake.
 
     Attributes
     ----------
@@ -85,7 +88,8 @@ class LodReport:
     native_after_16 : float or None
         PSNR in dB to native renderings with 16 samples per pixel; None without a test view.
     screen_share : float
-        Share of an image's height below which the level suffices (`msb.bake.lods.measure_screen_share`).
+        The model may cover at most this share of an image's height with this level
+        (`msb.bake.lods.measure_screen_share`).
     bytes : int or None
     output : str or None
     """
@@ -99,12 +103,13 @@ class LodReport:
 
     @property
     def sentence(self) -> str:
-        """A sentence that describes the level."""
+        """A sentence that describes the level of detail."""
         quality = ""
         if self.native_after_16 is not None:
             quality = f", PSNR to the native renderer {self.native_after_16:.1f} dB with 16 samples per pixel"
         height = (
-            f"use it when the object covers less than {100 * self.screen_share:.0f} % of the screen height"
+            f"use this level when the object covers less than {100 * self.screen_share:.0f} % of the "
+            "screen height"
         )
         return f"{self.faces:,} triangles{quality}; {height}"
 
@@ -129,7 +134,7 @@ class CollisionReport:
 
     @property
     def sentence(self) -> str:
-        """A sentence that describes the shape."""
+        """A sentence that describes the collision shape."""
         parts = "" if self.parts == 1 else f" in {self.parts} parts"
         distance = f"{100 * self.mean_distance:.1f} % of the bounding-box diagonal"
         size = f"collision shape ({self.kind}){parts}, {self.faces:,} triangles"
@@ -138,7 +143,7 @@ class CollisionReport:
 
 @dataclass(frozen=True)
 class ShapeReport:
-    """The shape of a connected mesh (`msb.bake.shape`), and its difference from the true surface if given."""
+    """The shape of a connected mesh, and its difference from a true surface (`msb.bake.shape`)."""
 
     bending: Bending
     truth: TrueShape | None = None
@@ -153,22 +158,22 @@ class ShapeReport:
 
     @property
     def sentence(self) -> str:
-        """A sentence that describes the shape."""
+        """A sentence that describes the shape of the mesh."""
         text = f"Shape: bending {self.bending.bending:.0f} (a smooth object has 5 to 40)"
         if self.truth is None:
             return text
         if math.isnan(self.truth.mean):
-            return f"{text}; no pixel shows the true surface at the same depth"
+            return f"{text}; no pixel shows both surfaces at the same depth"
         return (
             f"{text}; angle to the true normals {self.truth.mean:.1f} degrees on average (median "
-            f"{self.truth.median:.1f}, {100 * self.truth.above_30:.0f} % above 30 degrees); depth error "
-            f"{100 * self.truth.depth:.2f} % of the size"
+            f"{self.truth.median:.1f}, {100 * self.truth.above_30:.0f} % of pixels above 30 degrees); "
+            f"depth error {100 * self.truth.depth:.2f} % of the object's size"
         )
 
 
 @dataclass(frozen=True)
 class Report:
-    """The result of a bake, its images, and its quality.
+    """The report of a bake: its result, its images, and its quality.
 
     Attributes
     ----------
@@ -251,10 +256,10 @@ class Report:
     output: str | None = None
 
     def with_files(self, files: Sequence[tuple[Path, int]]) -> Report:
-        """Return the report with the paths and sizes in bytes of its files.
+        """Return the report with paths and sizes in bytes of the written files.
 
-        The files are the asset, its levels of detail, and its collision shape. A size includes the files that
-        the file needs beside it.
+        The files are the asset, its levels of detail, and its collision shape. A size includes additional
+        files that the file needs.
         """
         (output, size), *more = files
         lods = tuple(
@@ -266,32 +271,32 @@ class Report:
 
     @property
     def sentence(self) -> str:
-        """The main result in a line: quality, choice, size and verdict."""
+        """The main result in one line: quality, choice, size and verdict."""
         choice = [describe_choice(self.tried)] if "surface" in self.tried else []
         return ". ".join((self.quality, *choice, self.size, self._verdict))
 
     @property
     def quality(self) -> str:
-        """The PSNR on the test views, in words."""
+        """The PSNR on the test views as a sentence."""
         values, reference = self.photographs, ""
         if values is None:
             values, reference = self.native, ", compared with the native renderer"
         if values is None:
             if self.test:
-                return "PSNR was not measured, as the model covers too few pixels of the views"
-            return "PSNR was not measured, as no view was held out; pass two or more views"
+                return "PSNR was not measured, because the model covers too few pixels of the views"
+            return "PSNR was not measured, because no view was held out; pass two or more views"
         parts = [] if values.native is None else [f"native renderer {values.native:.1f} dB"]
         if values.before is not None:
             parts.append(f"unbaked mesh {values.before:.1f} dB")
         parts.append(f"baked {values.after:.1f} dB ({values.after_16:.1f} dB with 16 samples per pixel)")
         if values.model_only_16 is not None:
-            parts.append(f"{values.model_only_16:.1f} dB where the model is")
+            parts.append(f"{values.model_only_16:.1f} dB over the pixels of the model")
         views = "1 held-out view" if self.test == 1 else f"{self.test} held-out views"
         return f"PSNR on {views}{reference}: {', '.join(parts)}"
 
     @property
     def size(self) -> str:
-        """The size of the asset and the time of the bake, in words."""
+        """The size of the asset and the time of the bake as a sentence."""
         parts = [f"{self.faces:,} triangle{'' if self.faces == 1 else 's'}"]
         if self.texture is not None:
             parts.append(f"texture {self.texture[0]} x {self.texture[1]}")
@@ -308,7 +313,7 @@ class Report:
             change = "as before" if is_same else f"was {self.before.level.upper()}"
         text = f"Audit: {self.after.level.upper()}, {change}"
         text += f": {self.after.reason}" if self.after.reason else ""
-        # If a surface was already made or tried, there is nothing else to advise.
+        # If a surface was already made or tried, no advice is needed.
         can_help = self.after.level != "ok" and "surface" not in (self.geometry, *self.tried)
         return text + ("; use --geometry surface for a watertight mesh" if can_help else "")
 
@@ -338,9 +343,9 @@ class Report:
         }
 
     def extras(self) -> dict[str, Any]:
-        """Return the main numbers, which are stored in a GLB.
+        """Return the main numbers of the report, which are stored in a GLB.
 
-        They contain no path, time or device. Bakes with equal results therefore write equal files.
+        The main numbers contain no path, time or device. Equal bakes therefore write equal files.
         """
         names = ("schema", "geometry", "color", "faces", "texture", "views", "unseen_area", "psnr")
         data = self.to_dict()
@@ -348,34 +353,34 @@ class Report:
 
 
 def list_quality_notes(supervision: Supervision, native: Psnr | None, photographs: Psnr | None) -> list[str]:
-    """Return a note if the bake is worse than the unbaked mesh, compared with what it was fitted to."""
+    """Return a note if the unbaked mesh is closer to the supervising images than the baked mesh."""
     values, reference = native, "native rendering"
     if supervision == "photographs":
         values, reference = photographs, "photographs"
     if values is None or not values.is_worse:
         return []
-    text = f"the unbaked mesh is closer to the {reference} than the baked one"
-    return [f"{text}; pass more views or larger ones"]
+    text = f"the unbaked mesh is closer to the {reference} than the baked mesh"
+    return [f"{text}; pass more views or larger views"]
 
 
 def list_coverage_notes(views: BakeViews, unseen_area: float) -> list[str]:
-    """Return notes if the views show too little of the model, or the model covers too few of their pixels."""
+    """Return notes if the views show too little of the model, or if the model is too small in the views."""
     notes = [] if views.why_not_judged is None else [f"quality was not measured: {views.why_not_judged}"]
     if views.is_generated and 1 - unseen_area < MIN_SEEN_SHARE:
         kind = "inside" if views.origin == "turntable" else "outside"
         other = "" if views.origin == "both" else f"--views both or {kind}, "
-        text = f"the generated views see only {100 * (1 - unseen_area):.0f} % of the model's area"
-        notes.append(f"{text}; pass {other}--cameras or --scene to see more of it")
+        text = f"the generated views show only {100 * (1 - unseen_area):.0f} % of the model's area"
+        notes.append(f"{text}; pass {other}--cameras or --scene to show more of the model")
     return notes
 
 
 def describe_choice(tried: Mapping[str, float]) -> str:
-    """Return the validation PSNR in dB of the candidates, in words."""
+    """Return the validation PSNR in dB of the candidates as a sentence."""
     return f"Validation PSNR: {', '.join(f'{name} {value:.1f} dB' for name, value in tried.items())}"
 
 
 def average_psnr(values: Sequence[float]) -> float:
-    """Return the average of PSNRs in dB; an infinite one counts as the cap of the metric."""
+    """Return the average PSNR in dB, with infinite values replaced by the cap of the metric."""
     from msb.metrics.images import PSNR_CAP
 
     return sum(min(value, PSNR_CAP) for value in values) / len(values)

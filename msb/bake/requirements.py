@@ -1,4 +1,4 @@
-"""Checks of a bake's options for a model, and of the libraries that they need, before any work."""
+"""Checks a bake's options for a model, and the installed libraries that the options need, before any work."""
 
 from dataclasses import replace
 
@@ -18,13 +18,13 @@ _BOX_HINT = "box needs no library"
 
 
 def choose_color_target(options: BakeOptions, geometry: Geometry, asset: Asset) -> ColorTarget:
-    """Return whether the colours of a geometry go to a texture or to the vertices."""
+    """Return whether a geometry has its colours in a texture or at the vertices."""
     is_vertex = geometry == "kept" and options.texture is None and _fits_vertices(asset)
     return options.color or ("vertex" if is_vertex else "texture")
 
 
 def check_model(options: BakeOptions, asset: Asset) -> None:
-    """Reject options that need a library for this model that is not installed.
+    """Reject options for this model that need a library that is not installed.
 
     Raises
     ------
@@ -45,8 +45,9 @@ def check_model(options: BakeOptions, asset: Asset) -> None:
         return
     kind, _ = parse_collision(options.collision)
     modules = ("fast_simplification", "coacd") if kind == "hulls" else ("fast_simplification",)
-    # Kept triangles without a boundary stay closed: a repair cuts and turns faces, but opens nothing. All
-    # other meshes are enclosed first. One error names the extras of both steps.
+    # Kept triangles without a boundary stay closed, because the repair does not open holes. All meshes except
+    # closed kept triangles are enclosed by a closed surface first. If both steps need missing extras, a
+    # single error names all extras.
     is_open = options.geometry != "kept"
     if not is_open:
         welded = weld_vertices(points, faces, "exact")
@@ -61,11 +62,10 @@ def need_enclosure() -> None:
 
 
 def _fits_vertices(asset: Asset) -> bool:
-    """Return whether vertex colours can show the model.
+    """Return whether vertex colours can show the colours of the model.
 
-    They cannot if the colours vary within a face, or if faces are uniform and share vertices. Without xatlas,
-    which makes the texture of faces that share vertices, vertex colours are used for all models whose faces
-    share vertices.
+    Vertex colours cannot show colours that vary within a face, or uniform faces that share vertices. Without
+    xatlas, models with shared vertices always get vertex colours, because xatlas makes their texture.
     """
     if why_not(asset.manifest, "standard") is not None:
         return False

@@ -1,4 +1,4 @@
-"""A bake from end to end: options, views, images, meshes, quality and report."""
+"""A complete bake: options, views, images, meshes, quality and report."""
 
 import os
 import signal
@@ -52,7 +52,7 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Baked:
-    """A baked asset, its companions, and the report on its quality.
+    """A baked asset with its levels of detail, its collision shape, and the report on its quality.
 
     Attributes
     ----------
@@ -78,15 +78,15 @@ class Baked:
     material: Material = "unlit"
 
     def save(self, *paths: str | os.PathLike[str], overwrite: bool = False) -> Report:
-        """Write the asset to all paths, all or none; return the report with the files of the first path.
+        """Write the asset to all paths or to none. Return the report with the files at the first path.
 
         The suffix of a path names its format. A GLB has the report's main numbers in its `asset.extras`.
         Levels of detail and the collision shape are written next to each path: NAME_lod1, NAME_lod2, ...,
         NAME_collision.
 
-        A path without a suffix, or of an existing folder, is a folder and must be the only path. It gets
-        asset.glb and its companions, bake.json, preview.png and the page index.html. In an existing folder
-        only files written by an earlier bake are replaced.
+        A path without a suffix, or of an existing folder, is an output folder and must be the only path. An
+        output folder gets asset.glb and its companions, bake.json, preview.png and the page index.html. In an
+        existing folder only files written by an earlier bake are replaced.
         """
         is_convex = self.report.collision is not None and self.report.collision.kind != "mesh"
         companions = self.lods if self.collision is None else (*self.lods, self.collision)
@@ -120,14 +120,14 @@ def bake(
     Parameters
     ----------
     asset : Asset or path-like
-        The model, or the path of anything that `msb.open` takes. It is not changed.
+        The model, or any path that `msb.open` accepts. The asset is not changed.
     scene : Scene or path-like, optional
-        The scene the model was trained on. Its training views supervise; its test views are only used for the
-        report.
+        The scene that the model was trained on. Its training views supervise; its test views are only used
+        for the report.
     cameras : iterable of Camera, optional
-        Views instead of a scene's; every 8th is held out for the report. Default: the training cameras, if
-        they lie beside the model, else 40 generated views around it or inside it. Fewer than 40 supervising
-        views are completed by interpolated views.
+        Views instead of a scene's; every 8th view is held out for the report. Default: the training cameras
+        if their file lies beside the model, else 40 generated views around the model or inside it. If there
+        are fewer than 40 supervising views, interpolated views are added.
     background : (3,) floats, or str, optional
         As for `msb.render`. Default: the scene's background, else the asset's.
     device : str, optional
@@ -145,7 +145,8 @@ def bake(
     ----------------
     geometry : {"auto", "kept", "fitted", "surface"}, default "auto"
         The model's own triangles, triangles moved until the opaque image matches, or one closed surface for
-        tools that need a solid. "auto" makes the first two and chooses the better one on validation views.
+        tools that need a solid. "auto" makes kept triangles and fitted triangles, and chooses the better
+        result on the validation views.
     for_solid : bool, default False
         With "auto": make fitted triangles and a surface, and choose the surface unless its verdict is bad. A
         mesh file with the verdict OK keeps its triangles, unless `faces` is given.
@@ -153,55 +154,55 @@ def bake(
         Default: vertex colours for kept triangles of a model with static vertex colours, else a texture.
     supervision : {"native", "photographs"}, optional
         The training images: the method's native renderings, or the photographs of the scene. The default is
-        "native". With the geometry "auto" both are tried if `scene` has photographs. Photographs are chosen
-        if they gain 0.5 dB on the photographs of the validation views. The result then no longer shows the
-        look of the method.
+        "native". With the geometry "auto", both kinds of images are tried if `scene` has photographs.
+        Photographs are chosen if they gain 0.5 dB on the photographs of the validation views. With
+        photographs, the result no longer reproduces the native rendering.
     faces : int, optional
         The largest number of fitted triangles, or the approximate number of a surface.
     texture : int, optional
-        Texels along a side of the texture, 16 to 16384. Default: about as many texels as pixels of the images
-        show the mesh.
+        Texels along a side of the texture, 16 to 16384. Default: about one texel per pixel that shows the
+        mesh in the images.
     material : {"unlit", "lit"}, default "unlit"
-        Whether programs show the colours as stored, or light them. The colours contain the light of the
-        photographs in either case.
+        Whether programs show the colours as stored, or light them. Baked colours contain the light of the
+        photographs with both materials.
     lods : sequence of float, or str, optional
         Levels of detail: falling shares of the faces, such as (0.5, 0.25, 0.1) or "0.5,0.25,0.1".
     collision : str, optional
         A collision shape: "mesh:N", "hulls:N" or "box" (`msb.bake.collision`).
     thickness : float, default 0.05
         The surface of an interior gets an outer skin, which makes it a solid of positive volume. In each
-        direction the walls are this share of the distance from the middle thick.
+        direction, the thickness of the walls is this share of the distance from the middle.
     effort : {"draft", "normal", "fine"}, default "normal"
         The number of steps of each search: a quarter of the normal number, the normal number, or 2.5 times
         as many. The result does not depend on the speed or the load of the machine.
     seconds : float, optional
-        Upper limit of the time to move fitted triangles, no limit by default. A surface takes 1.5 times as
-        long, fitted triangles and a surface together 2 times as long. Each level of detail takes `seconds`
-        more. A note gives the number of steps that were left out, and the result then depends on the speed of
-        the machine. If `seconds` is 0, triangles move by a single step, and the face selection still runs.
-        The time for `collision` is not included.
+        Upper limit of the time to move fitted triangles, no limit by default. A surface takes about 1.5 times
+        `seconds` in total. Fitted triangles and a surface together take about 2 times `seconds`. Each level
+        of detail adds `seconds` to the total time. A note reports the number of skipped steps. In this case,
+        the result depends on the speed of the machine. If `seconds` is 0, triangles move by a single step,
+        and the face selection still runs. The time for `collision` is not included.
     seed : int, default 0
         Seed of the search. Without a limit of `seconds`, bakes with one seed on one device have the same
         result.
     truth : path-like, optional
-        A mesh of the true surface, in the coordinates of the model. The report then has the differences of
-        the normals and depths (`msb.bake.shape`).
+        A mesh of the true surface, in the coordinates of the model. With `truth`, the report has the
+        differences of the normals and depths (`msb.bake.shape`).
     up : str, optional
         The direction that is up, an axis such as "+z" or "X,Y,Z", for generated views and in mesh files.
-        Default: that of the asset, else the one that the cameras of the scene suggest.
+        Default: the up direction of the asset, else an estimate from the cameras of the scene.
     scale : float, optional
-        The length of the scene's unit in metres. Mesh files are then written in metres.
+        The length of the scene's unit in metres. With `scale`, mesh files are written in metres.
     known_distance : (str, str, str), optional
         In place of `scale`: two points "X,Y,Z" of the scene and their distance, such as "1.2m".
     floor : bool, default False
         Put the lowest visible point at height 0 in mesh files.
     views : {"outside", "inside", "both"}, optional
         Generate views around the asset, inside it, or both, even if training cameras lie beside it. Default:
-        training cameras, else the views that see more of the area.
+        training cameras, else the generated views that show more of the area.
     keep_best : bool, default False
         After an interrupt (Ctrl-C), return the best result instead of raising.
     cache : path-like, optional
-        A folder of native renderings. They are written there and reused by later bakes.
+        A folder of native renderings. Renderings are written to this folder and reused by later bakes.
 
     Raises
     ------
@@ -212,7 +213,7 @@ def bake(
     Unsupported
         `UNSUPPORTED_TIER`: neither the dedicated nor the standard tier can draw the asset.
     AssetError, SceneError, DeviceError, InputError, CheckpointError, MeshFileError, MeshError
-        As `msb.Renderer`, `msb.open` and `msb.scenes.read_scene` do.
+        Errors of `msb.Renderer`, `msb.open` and `msb.scenes.read_scene`.
 
     Examples
     --------
@@ -292,7 +293,7 @@ def bake(
         collision=None if collision is None else CollisionReport.of(collision),
         path=None if model.opened_from is None else str(model.opened_from),
     )
-    # Move the results back into the scene, with what is known about its frame.
+    # Move the results back into scene coordinates, and add the known frame of the scene.
     frame = move_frame(frame, origin)
 
     def in_scene(asset: Asset) -> Asset:
@@ -307,7 +308,7 @@ def bake(
 def _measure_shape(
     mesh: Mesh, views: BakeViews, settings: BakeOptions, origin: Origin, device: str | None
 ) -> ShapeReport | None:
-    """Return the shape of a connected mesh in the test views, or in all views if there are none.
+    """Return the shape of a connected mesh in the test views, or in all views without test views.
 
     The mesh and the views are relative to `origin`.
     """
@@ -324,10 +325,10 @@ def _measure_shape(
 
 @contextmanager
 def _catch_interrupt(keep_best: bool) -> Iterator[Callable[[], bool]]:
-    """Yield a function that returns whether to stop: true after the first Ctrl-C with `keep_best`.
+    """Yield a function that returns whether to stop.
 
-    A second Ctrl-C interrupts as usual. Only the main thread receives signals; in other threads the function
-    returns false.
+    With `keep_best`, the function returns true after the first Ctrl-C. A second Ctrl-C interrupts the program
+    as usual. Only the main thread receives signals. In other threads the function returns false.
     """
     received: list[int] = []
     if not keep_best or threading.current_thread() is not threading.main_thread():

@@ -1,7 +1,7 @@
-"""The shape of a surface: how much it bends, and how far it is from a true surface.
+"""The shape of a surface: how strongly it bends, and how far it is from a true surface.
 
-PSNR does not see dents, because unlit images of a dented surface look right. Over 16 surfaces of one object,
-the average angle to the true normals had a rank correlation of 0.95 with the bending and 0.02 with the PSNR.
+PSNR cannot detect dents, because unlit images of a dented surface look right. Over 16 surfaces of one object,
+the rank correlation with the average angle to the true normals was 0.95 for the bending and 0.02 for PSNR.
 """
 
 from __future__ import annotations
@@ -23,22 +23,23 @@ from msb.topology.faces import face_vectors
 
 # Angle in degrees above which an edge is a crease, and above which a pixel's normal counts as wrong.
 SHARP = 30.0
-# Pixels whose depths differ by more than this share of the size show different parts, and are not compared.
+# If two depths differ by more than this share of the size, the pixel shows different parts. Pixels that show
+# different parts are excluded.
 _MAX_DEPTH_SHARE = 0.05
-# Percentage of the visible points outside the box that defines the size, at each side.
+# The size is measured with a box that excludes this percentage of the visible points at each side.
 _TRIM_PERCENT = 1.0
 
 
 @dataclass(frozen=True)
 class Bending:
-    """How much the visible part of a surface bends.
+    """Measures of how strongly the visible part of a surface bends.
 
     Attributes
     ----------
     bending : float
         S sum(l angle) / sum(A) over the edges between two visible faces: l is the length of an edge, the
         angle in radians is between the normals of its faces, A are the areas of the visible faces, and S is
-        the size of the visible part. The demo's true surfaces have 5 to 6.
+        the size of the visible part. The true surfaces of the demo models have a bending of 5 to 6.
     creases : float
         S sum(l) / sum(A) over the edges with an angle above 30 degrees.
     """
@@ -49,9 +50,9 @@ class Bending:
 
 @dataclass(frozen=True)
 class TrueShape:
-    """A surface compared with a true surface, over the pixels of some views that show both.
+    """A comparison of a surface with a true surface, over the pixels of some views that show both surfaces.
 
-    All numbers but the last two are NaN if no pixel shows both.
+    All numbers except `excluded` and `outline` are NaN if no pixel shows both surfaces.
 
     Attributes
     ----------
@@ -80,9 +81,10 @@ class TrueShape:
 
 
 def measure_bending(points: Floats, faces: Ints, visible: Mask, size: float = 1.0) -> Bending:
-    """Return the bending of the faces (F, 3) that are `visible` (F,); vertices at one place are joined.
+    """Return the bending of the faces (F, 3) that are `visible` (F,). Vertices at one place are joined.
 
-    `size` is the size S of the visible part in scene units. Ratios of bendings do not depend on it.
+    The argument `size` is the size S of the visible part in scene units. The ratio of two bendings does not
+    depend on the size.
     """
     _, place = np.unique(points.astype(np.float32), axis=0, return_inverse=True)
     faces = place.reshape(-1)[faces[visible]]
@@ -101,7 +103,8 @@ def measure_bending(points: Floats, faces: Ints, visible: Mask, size: float = 1.
     first, second = order[:-1], order[1:]
     is_edge = (sides[first] == sides[second]).all(axis=1)
     first, second = first[is_edge], second[is_edge]
-    # A consistently wound edge has opposite directions in its two faces. Otherwise one normal is turned.
+    # The two faces of a consistently wound edge traverse it in opposite directions. If two faces traverse an
+    # edge in the same direction, one normal is reversed.
     starts = faces.reshape(-1)
     sign = np.where(starts[first] == starts[second], -1.0, 1.0)
     cosine = sign * np.einsum("nk,nk->n", normals[owner[first]], normals[owner[second]])
@@ -128,9 +131,9 @@ def measure_visible_bending(
 def compare_with_truth(
     mesh: Mesh, truth: Mesh, cameras: Sequence[Camera], device: str | Device | None = None
 ) -> TrueShape:
-    """Compare a mesh with a true surface, in the pixels of the cameras that show both at nearly equal depths.
+    """Compare a mesh with a true surface, in pixels that show both surfaces at nearly equal depths.
 
-    Normals that point away from the camera are turned round, so the winding does not matter.
+    Normals that point away from the camera are reversed, so the winding has no influence.
     """
     baked, true = (list(_draw_views(part, cameras, device)) for part in (mesh, truth))
     size = _measure_size([view.points(camera) for view, camera in zip(true, cameras, strict=True)])
@@ -141,7 +144,7 @@ def compare_with_truth(
         shown = [view.face >= 0 for view in pair]
         both += int((shown[0] & shown[1]).sum())
         either += int((shown[0] | shown[1]).sum())
-        # Pixels that show both surfaces at nearly equal depths.
+        # Select pixels that show both surfaces at nearly equal depths.
         difference = np.abs(pair[0].depth - pair[1].depth)
         rows = np.nonzero(shown[0] & shown[1] & (difference <= _MAX_DEPTH_SHARE * size))
         compared += len(rows[0])
@@ -170,13 +173,16 @@ def compare_with_truth(
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """What a view of a mesh shows: faces (H, W), -1 for none, and depths (H, W) along the camera's axis."""
+    """A view of a mesh: face numbers (H, W) and depths (H, W) along the camera's axis.
+
+    A pixel without a face has the number -1.
+    """
 
     face: NDArray[np.int32]
     depth: Floats
 
     def points(self, camera: Camera, rows: tuple[NDArray[np.int64], ...] | None = None) -> Floats:
-        """Return the visible points (n, 3) of the world, of all pixels with a face or of those at `rows`."""
+        """Return the visible world points (n, 3) of all pixels with a face, or of the pixels `rows`."""
         row, column = np.nonzero(self.face >= 0) if rows is None else rows
         z = self.depth[row, column]
         x, y = (column + 0.5 - camera.cx) / camera.fx * z, (row + 0.5 - camera.cy) / camera.fy * z
@@ -194,7 +200,7 @@ class _View:
         """Return the vertex normals, interpolated at the pixels `rows`, as unit vectors (n, 3)."""
         faces = mesh.faces[self.face[rows]]
         a, b, c = mesh.vertices.astype(np.float64)[faces].transpose(1, 0, 2)
-        # Barycentric coordinates (n, 3) of the visible points from the areas of the three parts of a face.
+        # Barycentric coordinates (n, 3) of the visible points, from the areas of the three parts of a face.
         point = self.points(camera, rows)
         whole = np.cross(b - a, c - a)
         square = np.maximum((whole * whole).sum(axis=1), 1e-300)
@@ -205,8 +211,8 @@ class _View:
 
 
 def _draw_views(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Iterator[_View]:
-    """Yield the visible faces and depths of a mesh in each view, one sample at the middle of each pixel."""
-    # Without colours the mesh would be lit.
+    """Yield the visible faces and depths of a mesh in each view, sampled at pixel centres."""
+    # A mesh without colours would be drawn with lighting.
     black = Mesh(mesh.vertices, mesh.faces, np.zeros((len(mesh.vertices), 3), np.uint8))
     with Renderer(asset_from_mesh(black, origin=NO_ORIGIN), "standard", device) as renderer:
         for camera in cameras:
@@ -216,7 +222,7 @@ def _draw_views(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | No
 
 
 def _measure_size(points: Sequence[Floats]) -> float:
-    """Return the diagonal of the box of the visible points, without the outermost at each side."""
+    """Return the diagonal of the box of the visible points, without the outermost points at each side."""
     together = np.concatenate(points)
     if not len(together):
         return 1.0
@@ -225,7 +231,7 @@ def _measure_size(points: Sequence[Floats]) -> float:
 
 
 def _vertex_normals(mesh: Mesh) -> Floats:
-    """Return unit normals (V, 3): sums of the normals times areas of the faces at each place."""
+    """Return unit vertex normals (V, 3): the sums of area-weighted face normals at each place."""
     points = mesh.vertices.astype(np.float64)
     _, place = np.unique(mesh.vertices, axis=0, return_inverse=True)
     index = place.reshape(-1)[mesh.faces]
@@ -245,12 +251,12 @@ def _unit(vectors: Floats) -> Floats:
 
 
 def _turn_to(normals: Floats, rays: Floats) -> Floats:
-    """Return the normals (n, 3), turned round where they point along the `rays` (n, 3) of the camera."""
+    """Return the normals (n, 3), reversed if they point along the camera `rays` (n, 3)."""
     away = (normals * rays).sum(axis=1, keepdims=True) > 0
     return np.where(away, -normals, normals)
 
 
 def _angles(first: Floats, second: Floats) -> Floats:
-    """Return the angles (n,) in degrees between unit vectors."""
+    """Return the angles (n,) in degrees between pairs of unit vectors."""
     angles: Floats = np.degrees(np.arccos(np.clip((first * second).sum(axis=1), -1, 1)))
     return angles

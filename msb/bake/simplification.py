@@ -13,8 +13,8 @@ from msb.topology import audit_arrays
 from msb.topology.seams import is_closed
 from msb.topology.steps import drop, turn_faces
 
-# Growth of the allowed error per pass of the library, 7 by default. Slower growth preserves the shape better,
-# but may end above the face budget.
+# Growth of the allowed error per pass of fast_simplification. The default is 7. Slower growth preserves the
+# shape better, but the result may exceed the face budget.
 _AGGRESSIVENESS = 5
 
 
@@ -24,22 +24,22 @@ def is_closed_surface(points: NDArray[Any], faces: Ints) -> bool:
 
 
 def simplify(points: Floats, faces: Ints, count: int) -> tuple[Floats, Ints]:
-    """Reduce a surface to about `count` faces; return points (V, 3) and faces (F, 3).
+    """Reduce a surface to about `count` faces. Return points (V, 3) and faces (F, 3).
 
-    A closed surface stays closed, manifold and consistently wound. If no face would be left, more than
-    `count` faces are kept. An open surface loses surplus faces at edges with more than two faces.
+    A closed surface stays closed, manifold and consistently wound. If no face would remain, more than `count`
+    faces are kept. An open surface loses surplus faces at edges with more than two faces.
     """
     import fast_simplification
 
     repair = repair_closed if is_closed_surface(points, faces) else _make_manifold
-    # Scale the surface to a size of 1, as the library drops very small faces.
+    # Scale the surface to a size of 1, because fast_simplification drops very small faces.
     middle, size = points[faces].mean(axis=(0, 1)), float(np.ptp(points[faces], axis=(0, 1)).max()) or 1.0
     unit = (points - middle) / size
     while count < len(faces):
         fewer, chosen = fast_simplification.simplify(
             unit, faces.astype(np.int32), target_count=count, agg=_AGGRESSIVENESS
         )
-        # Round to float32, as files do, so that points that become equal there are repaired here.
+        # Round to float32, as files do, so that points that become equal are repaired here.
         placed = (middle + size * fewer).astype(np.float32).astype(np.float64)
         result = repair(placed, chosen.astype(np.int64))
         if len(result[1]):
@@ -49,9 +49,9 @@ def simplify(points: Floats, faces: Ints, count: int) -> tuple[Floats, Ints]:
 
 
 def _make_manifold(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Return the surface without useless faces, and with at most two faces at each edge.
+    """Return the surface without degenerate faces, and with at most two faces at each edge.
 
-    It is consistently wound as far as that is possible.
+    The winding is made consistent as far as possible.
     """
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     faces = faces[np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1]]

@@ -29,12 +29,15 @@ if TYPE_CHECKING:
 
 
 def find_color_seams(points: NDArray[Any], faces: NDArray[Any]) -> Seams | None:
-    """Return the cut edges of a mesh, or None if it has no cut. Any attribute may differ across a cut."""
+    """Return the cut edges of a mesh, or None if it has no cut.
+
+    Any attribute may differ across a cut edge.
+    """
     return find_seams(points, faces, {"color": np.arange(len(points))[:, None]})
 
 
 def merge_seams(mesh: Mesh) -> Mesh:
-    """Return `mesh` with the doubled vertices of cuts merged; `mesh` itself if it has no cut."""
+    """Merge the doubled vertices of cuts. Return `mesh` itself if it has no cut."""
     seams = find_color_seams(mesh.vertices, mesh.faces)
     if seams is None:
         return mesh
@@ -48,12 +51,12 @@ def merge_seams(mesh: Mesh) -> Mesh:
 
 
 def is_uncut_soup(points: NDArray[Any], faces: NDArray[Any]) -> bool:
-    """Return whether the faces are a soup.
+    """Return whether the faces form a triangle soup.
 
-    A surface that was cut along all its edges does not count as a soup.
+    A surface that was cut along all its edges is not a soup.
 
-    If the faces use all vertices one after the other, they are always a soup, because assets store soups in
-    this way. Corners of such faces may still coincide by chance.
+    Assets store soups with consecutive vertices. Faces that use all vertices one after the other are
+    therefore always a soup. Corners of faces that use all vertices in order may still coincide by chance.
     """
     if not is_unindexed(faces, len(points)):
         return False
@@ -62,7 +65,7 @@ def is_uncut_soup(points: NDArray[Any], faces: NDArray[Any]) -> bool:
 
 @dataclass
 class Soup:
-    """Opaque faces that a search moves, colours, selects and hides.
+    """Opaque faces that a search moves, colours and selects.
 
     Attributes
     ----------
@@ -73,8 +76,8 @@ class Soup:
     selected : (F,) bool
         The faces that are drawn.
     shared : (F, 3) int64, optional
-        The vertex of each corner, if corners of one vertex have one colour. If None, the corners have
-        independent colours.
+        The vertex of each corner, if corners of one vertex have one colour. If `shared` is None, the corners
+        have independent colours.
     """
 
     corners: Singles
@@ -84,9 +87,9 @@ class Soup:
 
     @classmethod
     def from_mesh(cls, mesh: Mesh, *, share_colors: bool) -> Self:
-        """Return the faces of `mesh`, grey if it has no vertex colours.
+        """Return the faces of `mesh` as a soup, grey if the mesh has no vertex colours.
 
-        With `share_colors`, corners of one vertex have one colour, unless `mesh` is a soup.
+        With `share_colors`, all corners at one vertex have one colour, unless `mesh` is a soup.
         """
         corners = np.ascontiguousarray(mesh.vertices[mesh.faces], np.float32)
         colors = np.full(corners.shape, 0.5, np.float32)
@@ -103,20 +106,20 @@ class Soup:
         return int(self.selected.sum())
 
     def copy(self) -> Self:
-        """Return an independent copy."""
+        """Return an independent copy of the soup."""
         corners, colors, selected = self.corners.copy(), self.colors.copy(), self.selected.copy()
         return replace(self, corners=corners, colors=colors, selected=selected)
 
     def upload(self, renderer: SoupRenderer) -> None:
-        """Let `renderer` draw this state."""
+        """Make `renderer` draw this state of the soup."""
         renderer.update(self.corners, self.colors, self.selected)
 
     def fit_colors(self, sums: FaceSums) -> None:
-        """Give the selected faces the colours that fit the sums over their pixels best."""
+        """Set the colours of the selected faces by least squares from the sums over their pixels."""
         if self.shared is None:
             self.colors = color_fit.fit_soup_colors(sums, self.colors, self.selected)
             return
-        # One colour per vertex (V, 3); each corner has a copy of it.
+        # One colour per vertex (V, 3). Each corner copies the colour of its vertex.
         count = int(self.shared.max()) + 1
         before = np.full((count, 3), 0.5, np.float32)
         before[self.shared.reshape(-1)] = self.colors.reshape(-1, 3)
@@ -125,48 +128,49 @@ class Soup:
 
     @cached_property
     def _laplacian(self) -> csr_matrix:
-        """The Laplacian of the edges between shared vertices. A search does not change it."""
+        """The Laplacian of the edges between shared vertices. A search does not change this Laplacian."""
         assert self.shared is not None
         return color_fit.make_edge_laplacian(self.shared, int(self.shared.max()) + 1)
 
     def refit_colors(self, renderer: SoupRenderer, step: int = 1) -> FaceSums:
-        """Fit the colours to every `step`-th view of `renderer`; return the sums over the pixels."""
+        """Fit the colours to every `step`-th view of `renderer`. Return the sums over the pixels."""
         self.upload(renderer)
         sums = renderer.sum_faces(range(0, len(renderer.images), step), gradients=False)
         self.fit_colors(sums)
         return sums
 
     def measure_error(self, renderer: SoupRenderer) -> float:
-        """Return the mean squared error in the views of `renderer`."""
+        """Return the mean squared error over the views of `renderer`."""
         self.upload(renderer)
         return renderer.measure_error()
 
     def apply_to(self, mesh: Mesh) -> Mesh:
-        """Return the mesh that this soup was made from, with these vertex colours and the selected faces."""
+        """Return the original mesh of this soup with these vertex colours and only the selected faces."""
         colors = np.full((len(mesh.vertices), 3), 0.5, np.float32)
         colors[mesh.faces.reshape(-1)] = self.colors.reshape(-1, 3)
         return with_faces(replace(mesh, vertex_colors=colors), self.selected)
 
     def drop_hidden(self) -> Self:
-        """Return a soup of the selected faces alone."""
+        """Return a soup that consists of the selected faces only."""
         selected = self.selected
         return type(self)(self.corners[selected], self.colors[selected], np.ones(int(selected.sum()), bool))
 
     def quarter(self) -> Self:
-        """Return the selected faces, each cut into four at the middles of its sides."""
+        """Return the selected faces, each divided into four at the middles of its sides."""
         whole = self.drop_hidden()
         corners, colors = _quarter(whole.corners), _quarter(whole.colors)
         return type(self)(corners, colors, np.ones(len(corners), bool))
 
     def halve(self, times: Ints) -> Self:
-        """Return the selected faces, each cut into 2^times pieces.
+        """Return the selected faces, each divided into 2^times pieces.
 
-        `times` has a number for each selected face. A cut halves a piece at the middle of its longest side.
+        The argument `times` has one value for each selected face. A cut halves a piece at the middle of its
+        longest side.
         """
         soup = self.drop_hidden()
         while times.any():
             cut = times > 0
-            # Rotate the corners (n, 3) of the faces to cut, so that the longest side is the first one.
+            # Rotate the corners (n, 3) of the faces to divide, so that the longest side comes first.
             longest = np.linalg.norm(soup.corners - np.roll(soup.corners, -1, axis=1), axis=2).argmax(axis=1)
             turned = (np.flatnonzero(cut)[:, None], (longest[cut, None] + np.arange(3)) % 3)
             corners, colors = (
@@ -186,7 +190,7 @@ class Soup:
 
 
 def _quarter(values: Singles) -> Singles:
-    """Cut faces into quarters; return the interpolated values (4F, 3, 3) at the new corners."""
+    """Divide faces into quarters. Return the interpolated values (4F, 3, 3) at the new corners."""
     a, b, c = values.transpose(1, 0, 2)
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
@@ -194,7 +198,7 @@ def _quarter(values: Singles) -> Singles:
 
 
 def _halve(values: Singles) -> tuple[Singles, Singles]:
-    """Cut faces at the middle of their first side; return the corner values (F, 3, 3) of either half."""
+    """Divide faces at the middle of their first side. Return both halves (F, 3, 3)."""
     a, b, c = values.transpose(1, 0, 2)
     middle = (a + b) / 2
     return np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)

@@ -1,7 +1,7 @@
-"""Standard-tier renderers that compare their images with target images on the device.
+"""Standard-tier renderers that draw a soup and compare the images with target images on the device.
 
-A soup changes between renderings. Sums over the pixels of each face give its best colours and the gradient of
-the error.
+A soup may change between two renderings. Sums over the pixels of each face determine its best colours and the
+gradient of the error.
 """
 
 from __future__ import annotations
@@ -25,25 +25,28 @@ from msb.render.standard.renderer import StandardRenderer, view_record
 from msb.render.standard.supersampling import box_mean
 from msb.render.standard.triangles import RECORD_DEFINES
 
-# Sums per face: six products of weights (aa, ab, ac, bb, bc, cc), then red, green, blue times a, b and c.
+# The sums of a face are products of the weights a, b and c of its corners: aa, ab, ac, bb, bc, cc, and red,
+# green and blue times a, b and c.
 SUMS_PER_FACE = 15
-# Work-items of a work-group. All kinds of devices support work-groups of this size.
+# Work-items of a work-group, for all kernels of this module. All devices support work-groups of this size.
 _GROUP = 64
-# Pixels along each side of the blocks whose averages `measure_error` compares. Most of the error of single
-# pixels is at edges and depends on their position between samples.
+# `measure_error` compares the averages of pixel blocks with this side length. The error of single pixels
+# depends mainly on the subpixel positions of edges.
 _BLOCK = 2
-# Bytes of target images that stay on the device. If there are more, each image is sent when it is needed.
+# Number of bytes of target images that stay on the device. Target images that exceed this size are sent to
+# the device one by one when they are needed.
 _MAX_RESIDENT_BYTES = 1 << 28
 
 
 class FaceSums(NamedTuple):
-    """Sums over the pixels that show each of F faces, over some views."""
+    """Sums over the pixels that show each of F faces, accumulated over some views."""
 
     # (F, 15), see `SUMS_PER_FACE`.
     sums: Singles
-    # (F,) the largest number of pixels in one view.
+    # (F,) the largest number of pixels of each face in a single view.
     max_pixels: NDArray[np.uint32]
-    # (F, 3, 3) the derivative of the squared error by the place of each corner, per unit of the scene.
+    # (F, 3, 3) the derivative of the squared error with respect to each corner position, per unit of the
+    # scene.
     gradients: Singles
 
 
@@ -66,7 +69,7 @@ class SupervisedRenderer(StandardRenderer):
         return camera.width * camera.height
 
     def _draw_view(self, number: int) -> tuple[dict[str, Buffer], Buffer, int]:
-        """Queue a rendering; return its buffers, the record of the camera, and the number of pixels."""
+        """Queue a rendering. Return its buffers, the camera's kernel values, and the number of pixels."""
         camera = self.images.cameras[number].in_units()
         if number not in self._views:
             self._views[number] = self._device.upload(view_record(camera), "bake views")
@@ -116,7 +119,8 @@ class SoupRenderer(SupervisedRenderer):
     def with_images(self, images: ViewImages) -> SoupRenderer:
         """Return a renderer of the same faces for other images.
 
-        Both renderers share the faces: an update of one changes the other, and both are closed together.
+        Both renderers share the faces. An update of one renderer changes the other, and closing one renderer
+        closes both.
         """
         other = copy(self)
         other._set_images(images)
@@ -124,7 +128,7 @@ class SoupRenderer(SupervisedRenderer):
 
     @in_turn
     def update(self, corners: Singles, colors: Singles, selected: Mask) -> None:
-        """Set corners and colours. Hidden faces collapse to a point, so that they cover no pixel."""
+        """Set the corners and colours of the faces. Hidden faces collapse to a point without pixels."""
         placed = np.where(selected[:, None, None], corners, corners[:, :1])
         self._triangles.sources["positions"].write(np.ascontiguousarray(placed.reshape(-1, 3), np.float32))
         self._triangles.sources["colors"].write(np.ascontiguousarray(colors.reshape(-1, 3), np.float32))
@@ -134,7 +138,7 @@ class SoupRenderer(SupervisedRenderer):
     def sum_faces(self, numbers: Iterable[int], *, gradients: bool = True) -> FaceSums:
         """Return the sums over the pixels of each face in these views.
 
-        Gradients are 0 unless `gradients` is true. The pixels of a face are added view by view in a fixed
+        The gradients are 0 unless `gradients` is true. The pixels of a face are added view by view in a fixed
         order, so that results are reproducible.
         """
         count = self._count
@@ -146,7 +150,7 @@ class SoupRenderer(SupervisedRenderer):
         for buffer in (*outputs, most):
             buffer.fill(0)
         for number in numbers:
-            # Draw the view, sort its pixels by face, and let a work-item per face walk through them.
+            # Draw the view, sort its pixels by face, and process the pixels of each face in one work-item.
             planes, view, pixels = self._draw_view(number)
             faces, places = self._sort_pixels(planes, pixels)
             camera = self.images.cameras[number]
@@ -164,7 +168,7 @@ class SoupRenderer(SupervisedRenderer):
         return FaceSums(outputs[0].read(), most.read(), outputs[1].read())
 
     def _sort_pixels(self, planes: dict[str, Buffer], pixels: int) -> tuple[Buffer, Buffer]:
-        """Queue a stable sort of the pixels by their face; return the sorted faces and the pixels."""
+        """Queue a stable sort of the pixels by their face. Return the sorted faces and the sorted pixels."""
         keys = self._scratch("owners", pixels, np.uint32)
         counts = np.uint32(self._count), np.uint32(pixels)
         self._kernels.owners(pixels, _GROUP, planes["face_id"], keys, *counts)
@@ -172,7 +176,7 @@ class SoupRenderer(SupervisedRenderer):
 
     @in_turn
     def remember(self, numbers: Sequence[int]) -> None:
-        """Draw these views and keep the face and the squared error of each pixel for `measure_changes`."""
+        """Draw these views and store the face and the squared error of each pixel for `measure_changes`."""
         self._numbers = numbers
         pixels = [self._count_pixels(number) for number in numbers]
         self._starts = np.concatenate([[0], np.cumsum(pixels)])
@@ -186,20 +190,20 @@ class SoupRenderer(SupervisedRenderer):
 
     @in_turn
     def measure_changes(self, owner: NDArray[np.int32], proposals: int) -> Floats:
-        """Return by how much each proposal increases the squared error of each remembered view.
+        """Return the increase of the squared error of each stored view that each proposal causes.
 
-        `owner` (F,) is the proposal that a face belongs to, or -1. The change of a pixel counts for the
-        proposals of the face that it shows now and of the face that it showed before; two different proposals
-        get one half each. Returns (views, proposals): squared differences of colours in [0, 1], summed over
-        channels and pixels.
+        The argument `owner` (F,) is the proposal number of each face, or -1. A pixel's change is assigned to
+        the proposals of the face before and of the face after the change. If a pixel changes between the
+        faces of two proposals, each proposal gets one half. The result (views, proposals) is in squared
+        differences of colours in [0, 1], summed over channels and pixels.
         """
         views = len(self._numbers)
         owners = self._scratch("owner", self._count, np.int32)
         owners.write(owner)
         totals = self._scratch("totals", (views, proposals), self._total_type)
         totals.fill(0)
-        # Sums are integers, so that the order of additions does not matter. Their unit is as small as the
-        # range of the integers allows.
+        # Sums are integers, so that the order of additions has no influence. The unit of the integers is as
+        # small as the range of the integers allows.
         bits = 62 if self._total_type is np.int64 else 30
         largest = 6.0 * float(np.diff(self._starts).max())
         unit = np.float32(2.0 ** min(32, bits - int(np.ceil(np.log2(largest)))))
@@ -213,7 +217,7 @@ class SoupRenderer(SupervisedRenderer):
 
     @in_turn
     def measure_error(self) -> float:
-        """Return the mean squared error over all views. Pixels are averaged over blocks (`_BLOCK`) before."""
+        """Return the mean squared error over all views. Pixels are first averaged over blocks (`_BLOCK`)."""
         total, count = 0.0, 0
         for number, camera in enumerate(self.images.cameras):
             planes, _, _ = self._draw_view(number)
@@ -225,5 +229,5 @@ class SoupRenderer(SupervisedRenderer):
         return total / count
 
     def pixels_per_face(self, faces: int) -> float:
-        """Return the number of pixels of an average view, divided by `faces`."""
+        """Return the number of pixels of an average view per face, for this number of `faces`."""
         return self.pixels / max(1, len(self.images)) / max(1, faces)

@@ -1,4 +1,4 @@
-"""The coordinates in which a surface is made: world coordinates with far parts contracted."""
+"""Coordinates for making a surface: world coordinates with distant parts contracted."""
 
 from __future__ import annotations
 
@@ -13,26 +13,27 @@ from msb.bake.arrays import Floats
 if TYPE_CHECKING:
     from msb.scenes import Camera
 
-# A model is a scene, not an object, if more than this share of the visible points is farther from the focus
-# than the cameras. The share allows for some stray faces.
+# A model is a scene if more than this share of the visible points is farther from the focus than the cameras.
+# Otherwise the model counts as an object.
 _SCENE_SHARE = 0.02
-# Radius of the undistorted part of a scene, in median distances of the cameras from the focus.
+# Radius of the uncontracted part of a scene, in median distances of the cameras from the focus.
 _NEAR_RADIUS = 0.5
-# Percentage of the visible points that may lie outside an object's box at each side, because some faces are
+# An object's box may exclude this percentage of the visible points at each side, because some faces are
 # stray.
 _TRIM_PERCENT = 0.1
-# The point where the camera axes meet solves a system of equations. If its smallest eigenvalue per camera is
-# below this limit, the axes count as parallel.
+# The focus is the point where the camera axes meet. A linear system of equations determines this point.
+# Camera axes count as parallel if the smallest eigenvalue of the system per camera is below this limit.
 _MIN_CONDITIONING = 1e-3
-# Smallest distance of the focus in front of the cameras, relative to the distance of the visible points.
-# The axes of cameras that turn in one place meet at that place, up to rounding.
+# The focus must be at least this far in front of the cameras. The value is relative to the distance of the
+# visible points. The axes of cameras at one place meet at the cameras, up to rounding.
 _MIN_AHEAD = 1e-4
-# If the visible centre is nearer to the cameras than this, in the same unit, the cameras stand inside.
+# If the visible centre is nearer to the cameras than this, the cameras are inside the model. The value is a
+# share of the distance of the visible points.
 _INSIDE_DISTANCE = 0.5
 # Smallest side of an object's box relative to its longest side, so that a flat object still has a volume.
 _MIN_THICKNESS = 1e-3
-# Outer radius of a scene's grid in contracted coordinates. There, a radius of 2 is infinitely far away, and
-# 1.96 is 25 near radii away.
+# Outer radius of a scene's grid in contracted coordinates. In these coordinates, a radius of 2 is infinitely
+# far away, and 1.96 is 25 near radii away.
 EDGE = 1.96
 
 
@@ -40,9 +41,9 @@ EDGE = 1.96
 class Space:
     """Coordinates relative to `center` in units of `radius`, contracted for scenes.
 
-    The contraction leaves the unit ball as it is and maps x beyond it to (2 - 1 / |x|) x / |x|, as Mip-NeRF
-    360 does (Barron et al. 2022). Distant parts therefore get cells and faces in proportion to their pixels.
-    The contraction is continuous and invertible, so a closed manifold stays a closed manifold.
+    The contraction leaves the unit ball unchanged and maps x beyond it to (2 - 1 / |x|) x / |x|, as in
+    Mip-NeRF 360 (Barron et al. 2022). Distant parts therefore get grid cells and faces in proportion to their
+    pixels. The contraction is continuous and invertible, so a closed manifold stays a closed manifold.
 
     Attributes
     ----------
@@ -61,19 +62,19 @@ class Space:
 
     @classmethod
     def fit(cls, points: Floats, cameras: Sequence[Camera]) -> Self:
-        """Return the space of the points (n, 3) of the world that cameras see, n > 0."""
+        """Return the space for the world points (n, 3) that cameras see, n > 0."""
         at = np.stack([camera.center for camera in cameras])
         offset = float(np.median(np.linalg.norm(points - at.mean(axis=0), axis=1)))
         focus = _find_focus(cameras, _MIN_AHEAD * offset)
         center = np.median(points, axis=0) if focus is None else focus
         distance = float(np.median(np.linalg.norm(at - center, axis=1)))
-        # If the cameras turn in one place, their distances say nothing about the size of the scene.
+        # If the cameras turn in one place, their distances do not indicate the size of the scene.
         is_inside = focus is None and distance < _INSIDE_DISTANCE * offset
         distance = offset if is_inside else distance
         if is_inside or (np.linalg.norm(points - center, axis=1) > distance).mean() > _SCENE_SHARE:
             edge = np.full(3, EDGE)
             return cls(center, _NEAR_RADIUS * distance, True, -edge, edge)
-        # An object: the box of its visible points.
+        # For an object, use the box of its visible points.
         low, high = np.percentile(points, [_TRIM_PERCENT, 100 - _TRIM_PERCENT], axis=0)
         center, radius = (low + high) / 2, float((high - low).max() / 2)
         radius = radius or distance
@@ -81,7 +82,7 @@ class Space:
         return cls(center, radius, False, -half, half)
 
     def from_world(self, points: Floats) -> Floats:
-        """Return points (n, 3) of the world in these coordinates."""
+        """Convert world points (n, 3) to coordinates of this space."""
         x: Floats = (points - self.center) / self.radius
         if not self.contracted:
             return x
@@ -90,12 +91,12 @@ class Space:
         return contracted
 
     def to_world(self, points: Floats) -> Floats:
-        """Return points (n, 3) of these coordinates in the world."""
+        """Convert points (n, 3) in coordinates of this space to world coordinates."""
         placed: Floats = self.center + self.radius * points * self._stretch(points)[0]
         return placed
 
     def clamp(self, points: Floats) -> Floats:
-        """Return the points; those beyond the edge of a scene are moved back to the edge."""
+        """Return the points, with points beyond the edge of a scene moved back to the edge."""
         if not self.contracted:
             return points
         size = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
@@ -103,7 +104,7 @@ class Space:
         return clamped
 
     def pull_back(self, points: Floats, gradients: Floats) -> Floats:
-        """Convert gradients (n, 3) by coordinates of the world to gradients by these coordinates."""
+        """Convert gradients (n, 3) from world coordinates to coordinates of this space."""
         across, along = self._stretch(points)
         size = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
         direction = points / size
@@ -112,10 +113,10 @@ class Space:
         return result
 
     def _stretch(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return two factors (n, 1) by which lengths grow in the world, in addition to `radius`.
+        """Return two growth factors (n, 1) of lengths in world coordinates, without the factor `radius`.
 
-        The first factor is for lengths across the direction to the centre, the second for lengths along this
-        direction.
+        The first factor applies to lengths perpendicular to the direction to the centre. The second factor
+        applies to lengths along this direction.
         """
         size = np.linalg.norm(points, axis=1, keepdims=True)
         if not self.contracted:
@@ -128,9 +129,9 @@ class Space:
 def _find_focus(cameras: Sequence[Camera], ahead: float) -> Floats | None:
     """Return the point nearest to all camera axes.
 
-    Return None unless it is at least `ahead` in front of each camera.
+    Return None if the point is less than `ahead` in front of a camera.
     """
-    # Least squares: the sum over cameras of the projection across the axis (3, 3), times the point.
+    # Solve by least squares: the matrix sums the projections perpendicular to each camera axis (3, 3).
     at = np.stack([camera.center for camera in cameras])
     axes = np.stack([camera.world_to_camera[2, :3] for camera in cameras])
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]

@@ -1,4 +1,4 @@
-"""The supervision of a bake: native renderings, photographs, or the better of both."""
+"""The supervision of a bake: native renderings, photographs, or the better of both kinds."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
 from msb.scenes.datasets import Scene, scene_of
 
-# Gain in dB, on the photographs of the validation views, from which photographs supervise. A smaller gain is
-# not worth the loss of the look of the method.
+# Photographs supervise if they gain at least this number of dB in the validation views, compared with the
+# photographs. A smaller PSNR gain is not worth the loss of the native rendering.
 _MIN_GAIN = 0.5
 
 
@@ -43,7 +43,7 @@ class BakeInputs:
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """The result of a supervision: the views, the source of their images, the pipeline, mesh and choice."""
+    """The result of a bake with one supervision: views, image source, pipeline, mesh and choice."""
 
     views: BakeViews
     source: ImageSource
@@ -55,10 +55,10 @@ class Attempt:
 def make_best_attempt(
     inputs: BakeInputs, options: BakeOptions, stack: ExitStack, stopped: Callable[[], bool]
 ) -> tuple[Attempt, dict[str, float], list[str]]:
-    """Return the attempt to keep, the validation PSNR in dB of each supervision, and notes.
+    """Return the attempt with the better supervision, the validation PSNRs in dB, and notes.
 
-    The PSNRs are to photographs, and empty unless two supervisions were tried. `stack` closes the sources and
-    the pipelines.
+    The PSNR values are compared with photographs, and are empty unless two supervisions were tried. The exit
+    stack `stack` closes the image sources and the pipelines.
     """
     if inputs.scene is not None and not isinstance(inputs.scene, Scene):
         inputs = replace(inputs, scene=scene_of(inputs.model.manifest, inputs.scene))
@@ -70,7 +70,7 @@ def make_best_attempt(
         "native": native,
         "photographs": _make_attempt(inputs, options, "photographs", stack, stopped),
     }
-    # Compare both on photographs that supervised neither of them.
+    # Compare the renderings of both attempts with the photographs of the validation views.
     cameras = [camera for camera in native.views.validation if _has_photograph(camera)]
     psnr = {}
     with native.source.photographs(cameras) as targets:
@@ -79,11 +79,11 @@ def make_best_attempt(
             psnr[name] = measure_psnr(asset, [targets], SAMPLES_PER_SIDE, inputs.device)[0]
     values = ", ".join(f"{name} {value:.1f} dB" for name, value in psnr.items())
     if psnr["photographs"] < psnr["native"] + _MIN_GAIN:
-        note = "native renderings supervise, as photographs gain too little on the validation views"
+        note = "native renderings supervise, because photographs gain too little on the validation views"
         return native, psnr, [f"{note} ({values})"]
     note = (
-        "photographs supervise, so the result no longer shows the look of the method; pass --supervision "
-        "native to keep it"
+        "photographs supervise, so the result does not reproduce the native rendering; pass "
+        "--supervision native to use native renderings"
     )
     return attempts["photographs"], psnr, [f"{note} (validation PSNR to photographs: {values})"]
 
@@ -118,9 +118,9 @@ def _make_attempt(
 
 
 def _can_compare(inputs: BakeInputs, views: BakeViews) -> bool:
-    """Return whether the scene has photographs for training and validation views of a trained model.
+    """Return whether a trained model has photographs for its training and validation views.
 
-    The look of a plain mesh is what its user wants to keep, so photographs do not supervise it by default.
+    A mesh file should keep its colours, so photographs do not supervise a mesh file by default.
     """
     if why_not(inputs.model.manifest, "dedicated") is not None:
         return False

@@ -1,31 +1,32 @@
-"""The distance from one surface to another, measured at sample points of the first."""
+"""The distance from one surface to another surface, measured at sample points of the first surface."""
 
 import numpy as np
 
 from msb.bake.arrays import Floats, Ints
 from msb.topology.faces import face_areas
 
-# Sample points on a surface. With 20,000 points the standard error of an average distance is below 1 % of its
-# spread.
+# Number of sample points on a surface. With 20,000 points the standard error of an average distance is below
+# 1 % of its spread.
 POINTS = 20_000
-# Number of random search points on the other surface. There is also one search point per face. Search points
-# find the nearest faces: more points find them more reliably, but need a larger search tree.
+# Number of random search points on the other surface. Each face also has a search point at its centre. Search
+# points find the nearest faces. With more search points, the nearest face is found more reliably, but the
+# search tree is larger.
 _SEARCH_POINTS = 40_000
 # Number of nearest search points per sample point. The exact distance is computed to the faces of all these
-# search points, because the nearest search point need not lie on the nearest face.
+# points, because the nearest search point may not lie on the nearest face.
 _NEIGHBOURS = 12
 
 
 def sample_surface(points: Floats, faces: Ints, count: int = POINTS) -> tuple[Floats, Ints]:
-    """Return `count` points (count, 3), uniform over the area, and the face (count,) of each.
+    """Return `count` points (count, 3), uniform over the area, and the face (count,) of each point.
 
-    The result is the same in every call. If no face has an area, the points are the first corners of the
-    faces.
+    Every call returns the same points. If no face has an area, the points are the first corners of the faces.
     """
     area = face_areas(points, faces)[0]
     if not area.sum() > 0:
         return points[faces[:, 0]], np.arange(len(faces))
-    # Choose faces by area, then uniform barycentric weights (count, 3, 1): normalised exponential variables.
+    # Choose faces by area, then uniform barycentric weights (count, 3, 1) from normalised exponential
+    # variables.
     random = np.random.default_rng(0)
     chosen = random.choice(len(faces), count, p=area / area.sum())
     weights = random.exponential(size=(count, 3, 1))
@@ -34,17 +35,18 @@ def sample_surface(points: Floats, faces: Ints, count: int = POINTS) -> tuple[Fl
 
 
 def measure_distances(places: Floats, points: Floats, faces: Ints) -> Floats:
-    """Return the distance (n,) of each place (n, 3) to a surface of points (V, 3) and faces (F, 3).
+    """Return the distance (n,) from each place (n, 3) to a surface of points (V, 3) and faces (F, 3).
 
-    The distance to the candidate faces is exact. The nearest face may be missing among the candidates. The
-    result is then too large, by far less than the spacing of the search points.
+    The distance to the nearest candidate face is exact. The candidate faces may not include the nearest face.
+    If the nearest face is missing, the distance is slightly too large. The error is far below the spacing of
+    the search points.
     """
     from scipy.spatial import cKDTree
 
     if not len(places):
         return np.zeros(0)
-    # Search points: random ones and the centre of each face. Equal points are dropped, because a search tree
-    # of many equal points is slow.
+    # Search points are random points and the centre of each face. Drop equal points, because a search tree of
+    # many equal points is slow.
     marks, owner = sample_surface(points, faces, _SEARCH_POINTS)
     marks = np.concatenate([marks, points[faces].mean(axis=1)])
     owner = np.concatenate([owner, np.arange(len(faces))])
@@ -59,14 +61,14 @@ def measure_distances(places: Floats, points: Floats, faces: Ints) -> Floats:
 
 
 def _distance_to_triangles(places: Floats, corners: Floats) -> Floats:
-    """Return the distance (n,) of each place (n, 3) to its triangle (n, 3, 3)."""
-    # Distance to the three edges (n, 3): project onto each edge, clamped to its ends.
+    """Return the distance (n,) from each place (n, 3) to its triangle (n, 3, 3)."""
+    # Distance to the three edges (n, 3): project the place onto each edge, and clamp to the ends of the edge.
     sides = np.roll(corners, -1, axis=1) - corners
     away = places[:, None] - corners
     length = np.maximum((sides * sides).sum(axis=2), np.finfo(np.float64).tiny)
     along = np.clip((away * sides).sum(axis=2) / length, 0, 1)
     edge_distance = np.linalg.norm(away - along[..., None] * sides, axis=2).min(axis=1)
-    # Distance to the plane, for places above the interior of a triangle that has an area.
+    # Distance to the plane, for places above the interior of a triangle with an area.
     normal = np.cross(sides[:, 0], sides[:, 1])
     size = np.linalg.norm(normal, axis=1)
     is_above = (np.cross(normal[:, None], sides) * away).sum(axis=2).min(axis=1) >= 0

@@ -1,7 +1,7 @@
 """The texture of a mesh by least squares over the pixels of images.
 
-The equations assume that texels are blended in sRGB and stored without rounding. Therefore the standard tier
-draws the actual image, and the equations give the change of the texels that reduces the remaining error.
+The equations assume that texels are blended in sRGB and stored without rounding. The standard tier renders
+the current image. The equations give the change of the texels that reduces the remaining error.
 """
 
 from __future__ import annotations
@@ -36,14 +36,13 @@ if TYPE_CHECKING:
     from msb.bake.images import ViewImages
     from msb.cl import Device
 
-# The first pass uses every 6th image, the second pass all of them. A second pass corrects the rounding and
-# the blending that the equations ignore; few images suffice to start it.
+# The first pass over the images uses every 6th image, the second pass all images. The second pass corrects
+# rounding and blending errors, which the equations ignore.
 FIRST_PASS_STEP = 6
-# Smallest and largest default number of texels along a side. With 256 texels the demo models lose 0.3 dB;
-# 4096 is the largest texture of many phones.
+# Smallest and largest default number of texels along a side. With 256 texels along a side, the demo models
+# lose 0.3 dB. Many phones support textures of at most 4096 texels.
 _DEFAULT_SIZES = 512, 4096
-# The initial texture is drawn in tiles, which limits the memory. A tile has this number of texels along a
-# side.
+# The initial texture is drawn in tiles to limit the memory. Number of texels along a side of a tile.
 _TILE = 1024
 _SAMPLER = Sampler("linear", mipmaps=True, wrap_u="clamp", wrap_v="clamp")
 
@@ -58,19 +57,19 @@ def fit_texture(
     device: str | Device | None = None,
     progress: ProgressHook = ignore_progress,
 ) -> Mesh:
-    """Return `mesh` with a texture in place of its colours that matches `images`.
+    """Return `mesh` with a texture that matches `images` in place of its colours.
 
     Parameters
     ----------
     mesh : Mesh
-        Each face of a soup gets a cell of the texture, a connected mesh is cut into charts. Its colours are
-        the initial texture, which unseen parts keep.
+        Each face of a soup gets a cell of the texture; a connected mesh is cut into charts. The colours of
+        the mesh are the initial texture, which unseen parts keep.
     images : ViewImages
-        For a sharp texture they need twice the width and height of the images that will be drawn.
+        A sharp texture needs images with twice the width and height of the final views.
     size : int, optional
-        Texels along a side. Default: about as many texels as pixels of the images show the mesh.
+        Texels along a side. Default: about one texel per pixel that shows the mesh in the images.
     count_cameras : sequence of Camera, optional
-        The cameras whose pixels decide how many texels each face gets. Default: the images' cameras.
+        The cameras whose pixels decide how many texels each face gets. Default: the cameras of the images.
     extends_colors : bool
         Whether unseen faces continue the colours around them, as for faces that were added to close a
         surface.
@@ -81,7 +80,7 @@ def fit_texture(
         USAGE: the texture is too small for the number of faces. EXTRA_MISSING: xatlas is not installed.
     """
     cameras = images.cameras if count_cameras is None else count_cameras
-    # The most pixels (F,) that show each face in one view.
+    # The largest number of pixels (F,) that show each face in a single view.
     pixels = np.zeros(len(mesh.faces))
     for count in count_pixels_by_view(mesh, cameras, device):
         np.maximum(pixels, count, out=pixels)
@@ -102,7 +101,8 @@ def fit_texture(
         face_textures=None,
         sampler=_SAMPLER,
     )
-    # Two passes: sum the equations over the images, solve for the change of the texels, add and round it.
+    # Each of the two passes sums the equations over the images, and solves for the change of the texels. The
+    # change is added to the texture and rounded.
     few = select_first_pass(images)
     total = len(few) + len(images)
     for chosen, before in (few, 0), (images, len(few)):
@@ -120,14 +120,14 @@ def fit_texture(
 
 
 def select_first_pass(images: ViewImages) -> ViewImages:
-    """Return the images of the first pass. They are also used to fit the colours of the initial texture."""
+    """Return the images for the first pass, which also colour the initial texture."""
     return images.select(range(0, len(images), FIRST_PASS_STEP))
 
 
 def _get_corner_colors(mesh: Mesh, pixels: Floats | None) -> NDArray[Any]:
     """Return the colour of each corner (3F, 3).
 
-    With `pixels` (F,), faces without pixels continue the colours around them.
+    With `pixels` (F,), faces without pixels get the colours of the faces around them.
     """
     corners = mesh.faces.reshape(-1)
     if mesh.vertex_colors is not None:
@@ -144,8 +144,7 @@ def _get_corner_colors(mesh: Mesh, pixels: Floats | None) -> NDArray[Any]:
 def _contract_vertices(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Floats:
     """Return the vertices (V, 3) of a scene with its far parts contracted.
 
-    Without the contraction, a chart from the foreground to the horizon would have as many texels per length
-    far away as nearby.
+    Without the contraction, distant parts of a chart would get as many texels per length as near parts.
     """
     points = find_visible_points(mesh, cameras, device)
     return Space.fit(points, cameras).from_world(mesh.vertices) if len(points) else mesh.vertices
@@ -154,7 +153,8 @@ def _contract_vertices(mesh: Mesh, cameras: Sequence[Camera], device: str | Devi
 def _choose_default_size(pixels: Floats) -> int:
     """Return the default number of texels along a side.
 
-    It is a power of two and gives about one texel per pixel; `pixels` (F,) are the pixels of each face.
+    The number of texels along a side is a power of two with about one texel per pixel. The argument `pixels`
+    (F,) has the pixels of each face.
     """
     side = float(np.sqrt(np.maximum(pixels, 1).sum()))
     least, most = _DEFAULT_SIZES
@@ -168,8 +168,8 @@ def _draw_initial_texture(
 
     Texels between charts belong to the nearest chart and have its colour.
     """
-    # Draw the faces in the plane of the texture, one tile after the other. The results are face numbers
-    # (S, S) and colours (S, S).
+    # Draw the faces in the plane of the texture, one texture tile after the other. The results are face
+    # numbers (S, S) and colours (S, S).
     at = np.concatenate([uvs, np.ones((len(uvs), 1), np.float32)], axis=1)
     flat = Mesh(at, np.arange(len(colors)).reshape(-1, 3), colors)
     faces, texture = np.full((size, size), -1, np.int32), np.zeros((size, size, 3), np.uint8)
@@ -182,7 +182,8 @@ def _draw_initial_texture(
                 tile = np.s_[top : top + height, left : left + width]
                 assert frame.face_id is not None
                 faces[tile], texture[tile] = frame.face_id, np.rint(frame.image * 255)
-    # A face that covers no texel centre is a point; the texel there gets the average colour of the face.
+    # A face that covers no texel centre is a point. The texel at this point gets the average colour of the
+    # face.
     x, y = np.clip((uvs[::3] * size).astype(np.int64), 0, size - 1).T
     drawn = np.bincount(faces[faces >= 0], minlength=len(mesh.faces)) > 0
     lost = np.flatnonzero(~drawn & (faces[y, x] < 0))
@@ -191,7 +192,7 @@ def _draw_initial_texture(
     texture[y[lost], x[lost]] = np.rint(means[lost])
     if (faces < 0).all():
         return np.zeros((size, size), np.int32), texture
-    from scipy import ndimage  # importing this takes longer than fitting vertex colours
+    from scipy import ndimage  # Importing SciPy takes longer than fitting vertex colours.
 
     # Texels between charts take the chart and the colour of the nearest drawn texel.
     row, column = ndimage.distance_transform_edt(faces < 0, return_distances=False, return_indices=True)
@@ -203,7 +204,7 @@ def label_charts(mesh: Mesh, uvs: Singles) -> NDArray[np.int32]:
 
     Faces that share a corner in the texture (3F, 2) are in one chart.
     """
-    # Corners at one place of the texture are one node of a graph, which connects their faces.
+    # Corners at one place of the texture become one node of a graph. The nodes connect the faces.
     keys = np.ascontiguousarray(uvs).view(np.uint64).reshape(-1)
     _, point = np.unique(keys, return_inverse=True)
     count = len(mesh.faces)

@@ -1,8 +1,9 @@
-"""The normal equations of a texture and its mip levels. They are stored as stencils and solved on the device.
+"""The normal equations of a texture and its mip levels are stored as stencils and solved on the device.
 
-A pixel shows four neighbouring texels of a level; between two levels it shows four texels of each. So a texel
-is only coupled to its eight neighbours, level by level. A texel of a smaller level is the average of four
-texels of the next larger one. Memory grows with the texels, not with the pixels.
+A pixel on one mip level shows four neighbouring texels. A pixel between two levels shows four texels of each
+level. A texel is therefore only coupled to its eight neighbours in the same level. A texel of a smaller mip
+level is the average of four texels of the next larger level. The memory therefore grows with the number of
+texels, not with the number of pixels.
 """
 
 from __future__ import annotations
@@ -20,31 +21,33 @@ if TYPE_CHECKING:
 
     from msb.cl import Buffer, Device
 
-# Weight of the squared difference between the changes of neighbouring texels, relative to a pixel. It spreads
-# changes to texels without pixels, and has little influence on texels with pixels.
+# Weight of the squared difference between the changes of two neighbouring texels, relative to a pixel. A
+# weight of this size spreads changes to texels without pixels, and has little influence on texels with
+# pixels.
 SMOOTHNESS = 0.5
-# Steps of conjugate gradients. Few steps suffice, because the initial texture is near the solution. Each step
-# costs a pass over all texels.
+# Number of conjugate-gradient steps. Few steps suffice, because the initial texture is near the solution.
+# Each conjugate-gradient step needs a pass over all texels.
 STEPS = 15
-# A squared residual up to this counts as 0; a channel is then solved.
+# A channel is solved if its squared residual is at most this value.
 _ZERO = 1e-12
 # Work-items of a work-group.
 _GROUP = 64
-# Number of texels that one work-item sums over, and number of such work-items in a work-group. Sums are
-# reproducible, because every device assigns the same texels to a work-item.
+# Number of texels that one work-item adds up, and number of such work-items in a work-group. Sums are
+# reproducible, because a work-item adds up the same texels on every device.
 _RUN, _RUN_GROUP = 64, 8
 
 
 class TextureEquations(OnDevice):
     """The normal equations of a square texture and its mip levels.
 
-    `stencils` (texels, 8) has a row for each texel, level by level. The first five values are the sums of
-    products of the texel's weight with the weights of five texels: itself, and the texels to the right,
-    below, below right and below left. The other three are the right sides of red, green and blue.
-    `msb.bake.texture_renderer` adds up these sums.
+    The field `stencils` (texels, 8) has a row for each texel, level by level. The first five values of a
+    stencil are sums of products of two weights. The first weight belongs to the texel itself. The second
+    weight belongs to the texel itself or to its neighbour to the right, below, below right or below left. The
+    last three values of a stencil are the right sides of red, green and blue. `msb.bake.texture_renderer`
+    computes the sums of the stencils.
 
-    `sides` are the numbers of texels along a side of each level. `starts` are the numbers of the first texel
-    of each level, followed by the number of all texels.
+    The field `sides` has the number of texels along a side for each mip level. The field `starts` has the
+    number of the first texel of each mip level, then the number of all texels.
     """
 
     def __init__(self, size: int, device: str | Device | None = None) -> None:
@@ -67,7 +70,7 @@ class TextureEquations(OnDevice):
 
     @in_turn
     def add_smoothness(self, chart: NDArray[np.int32]) -> None:
-        """Couple the changes of neighbouring texels with the same number in `chart` (size, size)."""
+        """Couple the changes of neighbouring texels that have the same number in `chart` (size, size)."""
         charts = self._device.upload(chart, "bake charts")
         settings = np.float32(SMOOTHNESS), np.int32(self.size)
         self._kernels.tie(chart.size, _GROUP, charts, *settings, self.stencils, np.uint32(chart.size))
@@ -78,8 +81,8 @@ class TextureEquations(OnDevice):
     def solve(self) -> Singles:
         """Return the change (size, size, 3) of the texture that solves the equations.
 
-        The method is conjugate gradients with Jacobi's preconditioner, for three channels at a time. The
-        right sides in `stencils` are overwritten with the residuals.
+        The method is conjugate gradients with Jacobi's preconditioner, solved for three channels at a time.
+        The right sides in `stencils` are overwritten with the residuals.
         """
         kernels, levels, texels = self._kernels, self._describe_levels(), self.size**2
         count, runs = np.uint32(texels), -(-texels // _RUN)
@@ -93,15 +96,15 @@ class TextureEquations(OnDevice):
         for _ in range(STEPS):
             if (residual <= _ZERO).all():
                 break
-            # Compute the next direction and its average in each smaller level. Then multiply the system with
-            # the direction.
+            # Compute the next direction and the average of the direction in each smaller level. Multiply the
+            # system matrix with the direction.
             kernels.turn(texels, _GROUP, self.stencils, _pad(ratio), direction, count)
             for (_, (before, start, _)), (many, (_, _, side)) in pairwise(levels):
                 kernels.halve(many, _GROUP, direction, before, start, side, np.uint32(many))
             for many, place in reversed(levels):
                 arguments = self.stencils, direction, *place, sums, partial, np.uint32(many)
                 kernels.apply(-(-many // _RUN), _RUN_GROUP, *arguments)
-            # Step along the direction, and the new residual.
+            # Step along the direction, and compute the new residual.
             length = _divide(residual, _sum_partial(partial))
             outputs = self.stencils, change, partial, count
             kernels.advance(runs, _RUN_GROUP, direction, sums, _pad(length), *outputs)
@@ -114,23 +117,23 @@ class TextureEquations(OnDevice):
         return result
 
     def _describe_levels(self) -> list[tuple[int, tuple[np.uint32, np.uint32, np.int32]]]:
-        """Return for each level (texels, (first texel, first texel of the next level or 0, side))."""
+        """For each level, return the number of texels, and (first texel, next first texel or 0, side)."""
         starts = [*map(np.uint32, self.starts[:-1]), np.uint32(0)]
         sides = self.sides.tolist()
         return [(n * n, (starts[k], starts[k + 1], np.int32(n))) for k, n in enumerate(sides)]
 
 
 def _sum_partial(partial: Buffer) -> Floats:
-    """Return the sums (3,) of red, green and blue over all runs."""
+    """Return the sums (3,) of red, green and blue over all partial sums."""
     total: Floats = partial.read()[:, :3].sum(axis=0, dtype=np.float64)
     return total
 
 
 def _divide(above: Floats, below: Floats) -> Floats:
-    """Return the quotients (3,) of two values per channel; they are 0 for channels that are solved."""
+    """Return the quotients (3,) of two values per channel. Solved channels have 0."""
     return np.divide(above, below, out=np.zeros(3), where=(above > _ZERO) & (below > 0))
 
 
 def _pad(values: Floats) -> Singles:
-    """Return three values as a float4."""
+    """Return three values as a float4 of OpenCL."""
     return np.array([*values, 0], np.float32)

@@ -13,9 +13,10 @@ from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.render.device_scope import in_turn
 
-# Work-items of a work-group: for pixels, and for rows of texels, which are far fewer.
+# Work-items of a work-group: for pixels, and for the much smaller number of texel rows.
 _GROUP, _ROW_GROUP = 64, 8
-# Floats per face that bake_texture.cl stores: the linear forms of its texture coordinates, and their bounds.
+# Number of floats per face in bake_texture.cl. These values store the linear forms of the face's texture
+# coordinates, and the bounds.
 _FACE_FLOATS = 16
 
 
@@ -33,7 +34,7 @@ class TextureRenderer(SupervisedRenderer):
             ]
 
     def add_equations(self, equations: TextureEquations) -> Iterator[int]:
-        """Add the differences to the target images to the equations of a texture; yield the finished views.
+        """Add the differences from target images to the equations. Yield the number of finished views.
 
         The pixels of a texel are added view by view in a fixed order, so that results are reproducible.
         """
@@ -48,22 +49,26 @@ class TextureRenderer(SupervisedRenderer):
     def _add_view(
         self, number: int, equations: TextureEquations, shape: tuple[Buffer, np.int32, np.int32]
     ) -> None:
-        """Queue the sums over one view; `shape` is (first texels of the levels, size, number of levels)."""
+        """Queue the sums over one view.
+
+        The argument `shape` is (first texels of the levels, size, number of levels).
+        """
         planes, view, count = self._draw_view(number)
         texels = np.uint32(equations.starts[-1])
-        # A key per sample: the first of its four texels. A pixel has samples in two neighbouring levels.
+        # The sort key of a sample is the first of its four texels. A pixel has samples in two neighbouring
+        # mip levels.
         keys = self._scratch("texels", 2 * count, np.uint32)
         samples = self._scratch("samples", (2 * count, 4)), self._scratch("errors", (count, 4))
         width = np.int32(self.images.cameras[number].width)
         drawn = planes["face_id"], planes["image"], self._load_target(number)
-        # Linear forms of the texture coordinates of each face, then the samples of each pixel.
+        # Compute linear forms of the texture coordinates of each face, then the samples of each pixel.
         faces = self._faces[0].shape[0]
         forms = self._scratch("ways", (faces, _FACE_FLOATS))
         self._kernels.faces(faces, _GROUP, *self._faces, view, shape[1], forms, np.uint32(faces))
         pixels = *drawn, *shape, width, texels, keys, *samples, np.uint32(count)
         self._kernels.samples(count, _GROUP, *self._faces, view, forms, *pixels)
-        # Sort the samples by texel, and add them row by row. First all even rows are added, then all odd
-        # rows, because rows of one kind have no texel in common.
+        # Sort the samples by texel, and add them up row by row. Add all even rows first, then all odd rows,
+        # because two even rows have no texel in common.
         ordered = sort_pairs(self._device, keys, bits=int(texels).bit_length(), name="bake texels")
         weight = np.float32(self.images.weights[number])
         rows = -(-int(equations.sides.sum()) // 2)

@@ -17,10 +17,10 @@ from msb.meshes.mesh import Mesh
 
 
 def fit_vertex_colors(mesh: Mesh, images: ViewImages, device: str | Device | None) -> Mesh:
-    """Return `mesh` with the vertex colours that fit the images best; unseen vertices keep their colours.
+    """Return `mesh` with the vertex colours that fit the images best. Unseen vertices keep their colours.
 
-    If the two copies of a vertex at a cut have the same colour, they also have the same fitted colour.
-    Different colours would make the cut visible.
+    Two copies of a vertex at a cut edge may have the same colour. The fitted colours of both copies must then
+    be equal.
     """
     soup = Soup.from_mesh(mesh, share_colors=True)
     if soup.shared is not None and mesh.vertex_colors is not None:
@@ -31,11 +31,12 @@ def fit_vertex_colors(mesh: Mesh, images: ViewImages, device: str | Device | Non
 
 
 def _merge_equal_colors(mesh: Mesh, colors: NDArray[Any]) -> Ints:
-    """Return for each vertex (V,) the first of its copies at a cut that has the same colour."""
+    """Return, for each vertex (V,), its first copy at a cut edge that has the same colour."""
     first = np.arange(len(mesh.vertices))
     seams = find_color_seams(mesh.vertices, mesh.faces)
     if seams is not None:
-        # Rows of the vertices that have copies at a cut. Copies with the same colour form a group.
+        # Row numbers of the vertices that have copies at a cut edge. Copies with the same colour form a
+        # group.
         rows = np.flatnonzero(np.bincount(seams.number)[seams.number] > 1)
         kinds = np.column_stack([seams.number[rows], colors[rows]])
         _, lowest, kind = np.unique(kinds, axis=0, return_index=True, return_inverse=True)

@@ -1,9 +1,9 @@
-"""Gradient descent on the vertices of a closed surface. It reduces the error of images without crossings.
+"""Gradient descent on the vertices of a closed surface, which prevents crossing faces.
 
-The gradients of the error (`msb.bake.soup_renderer`) are summed at shared vertices. They are then smoothed
-over the surface, so that a step bends the surface instead of folding it (Nicolet et al. 2021). Steps are
-taken in the surface's space, where faces have similar sizes. Every few steps, vertices of crossing faces move
-back to places where the faces did not cross.
+The gradients of the error (`msb.bake.soup_renderer`) are added up at shared vertices. The gradients are then
+smoothed over the surface, so that a step bends the surface instead of folding it (Nicolet et al. 2021). Steps
+are taken in the contracted coordinates of the surface, where faces have similar sizes. Every few steps,
+vertices of crossing faces move back to places where these faces did not cross.
 """
 
 from __future__ import annotations
@@ -25,16 +25,19 @@ if TYPE_CHECKING:
     from msb.bake.soup_renderer import SoupRenderer
     from msb.bake.space import Space
 
-# Smoothing of the gradients: squared width in edge lengths. More smoothing prevents folds and loses detail.
+# Smoothing of the gradients: the squared width of the filter in edge lengths. More smoothing of the gradients
+# prevents folds but loses detail.
 SMOOTHING = 0.5
-# Number of steps without a time limit. A surface of a demo model then takes about 45 s on two cores.
+# Number of descent steps without a time limit. With this number of steps, a surface of a demo model takes
+# about 45 s on two cores.
 STEPS = 200
-# Average move of a vertex in a step, in edge lengths, at the start and at the end.
+# Average move of a vertex per step, in edge lengths, at the start and at the end.
 STEP_LENGTHS = 0.12, 0.01
-# Largest move of a vertex in a step, in step lengths. Some gradients are much larger than the average.
+# Largest move of a vertex per step, in step lengths. Some gradients of the error are much larger than the
+# average.
 _MAX_MOVE = 4.0
-# Share by which vertices follow the filtered normals after each step, and rounds of the filter. Without this
-# step the search brings back the dents. A larger share loses detail.
+# Share by which vertices follow the filtered normals after each step, and number of filter rounds. Without
+# fairing, the search brings dents back. A larger share of fairing loses detail.
 FAIR_SHARE, _FAIR_ROUNDS = 0.1, 2
 
 
@@ -47,17 +50,18 @@ def move_vertices(
     random: np.random.Generator,
     schedule: StepSchedule,
 ) -> None:
-    """Move the shared vertices of `soup` to reduce the error; `points` (V, 3) are their places in `space`.
+    """Move the vertices of `soup` to reduce the error.
 
-    The moves make no further faces cross. `best` evaluates the state every few steps.
+    The argument `points` (V, 3) has their places in `space`. The moves do not cause further crossing faces.
+    The object `best` evaluates the state of the soup every few steps.
     """
     from scipy.sparse import identity
     from scipy.sparse.linalg import splu
 
     assert soup.shared is not None
     faces, count = soup.shared, len(points)
-    # `smooth` solves (I + SMOOTHING * Laplacian) x = b. The descent changes `variables`, the right side b;
-    # the points are x.
+    # `smooth` solves the system (I + SMOOTHING * Laplacian) x = b. The descent changes `variables`, the right
+    # side b of a linear system. The points are its solution x.
     bending = identity(count, format="csr") + SMOOTHING * color_fit.make_edge_laplacian(faces, count)
     smooth = splu(bending.tocsc()).solve
     good, variables = points, bending @ points
@@ -67,14 +71,14 @@ def move_vertices(
     step, share = 0, 0.0
     while share < 1:
         step += 1
-        # Gradients (V, 3) of the error in the views of this step, by the smoothed variables.
+        # Gradients (V, 3) of the error in the views of this step, with respect to the smoothed variables.
         seen = renderer.sum_faces(sample_views(renderer, random))
         gradients = _sum_at_vertices(seen.gradients.astype(np.float64), faces, count)
         gradients = smooth(space.pull_back(points, gradients))
         moving = gradients[gradients.any(axis=1)]
         square = float(np.square(moving).sum(axis=1).mean()) if len(moving) else 0.0
         move = adam.compute_move(gradients, square)
-        # Change the variables by one step, and compute the points from them.
+        # Change the variables by one step, and compute the points from the variables.
         first, last = STEP_LENGTHS
         length = first + (last - first) * share
         variables -= length * _measure_median_edge(points, faces) * move
@@ -83,7 +87,7 @@ def move_vertices(
         variables = bending @ points
         sums = seen.sums if sums is None else COLOR_DECAY * sums + seen.sums
         share = schedule.finish_step(step)
-        # Before a validation, and at the end, move vertices of crossing faces back.
+        # Before each validation and at the end, move vertices of crossing faces back.
         is_validated = step % VALIDATION_STEPS == 0 or share >= 1
         if is_validated:
             good = revert_crossings(points, good, faces, space)
@@ -98,14 +102,14 @@ def move_vertices(
 
 
 def _fair(points: Floats, faces: Ints, neighbours: Neighbours, space: Space) -> Floats:
-    """Return the points (V, 3) of `space` after a soft step of fairing in the world."""
+    """Return the points (V, 3) of `space` after a small step of fairing in world coordinates."""
     world = space.to_world(points)
     normals = filter_normals(world, faces, neighbours, _FAIR_ROUNDS)
     return space.clamp(space.from_world(follow_normals(world, faces, normals, FAIR_SHARE)))
 
 
 def _sum_at_vertices(values: Floats, faces: Ints, count: int) -> Floats:
-    """Return the sums (V, 3) at vertices of values at corners (F, 3, 3)."""
+    """Add up values at corners (F, 3, 3) to sums (V, 3) at vertices."""
     corners = faces.reshape(-1)
     sums = [np.bincount(corners, values[:, :, axis].reshape(-1), minlength=count) for axis in range(3)]
     return np.stack(sums, axis=1)

@@ -1,4 +1,4 @@
-"""The views of a bake: training, validation and test (held-out) views, which never overlap.
+"""The views of a bake: disjoint sets of training, validation and test (held-out) views.
 
 Test views are rendered last and are only used for the final measurement.
 """
@@ -27,52 +27,53 @@ from msb.scenes.sets import split_every_8th
 from msb.scenes.walk import fill_gaps
 from msb.views import ChosenViews, check_given_views, find_training_views, generate_views
 
-# Rings of generated views: (degrees above the horizon, number of views), 40 views in all. Rings near the pole
-# are smaller and have fewer views.
+# Each pair gives a ring of generated views: degrees above the horizon, and number of views. The rings have 40
+# views in all.
 RINGS = ((15.0, 18), (40.0, 14), (65.0, 8))
-# Rings of views from below. They are only generated for mesh files. Training cameras rarely look up from
-# below, so native renderings of a trained model from there are arbitrary.
+# Rings of views from below the horizon. Views from below are only generated for mesh files. Training cameras
+# rarely look up from below, so the underside of a trained model is arbitrary.
 RING_BELOW = (-35.0, 12)
-# Rings of views of Gaussians, 48 views in all. The last ring looks up a little, because captures of objects
-# have such views as well. The Gaussians fill the pixels of a view.
+# Rings of generated views for Gaussians, 48 views in all. The lowest cameras look up a little, because object
+# captures also contain such views. The model fills each of these generated views.
 SPLAT_RINGS = ((5.0, 16), (25.0, 14), (50.0, 10), (-12.0, 8))
 _SPLAT_PIXELS = 384 * 768
-# Backgrounds of generated views of Gaussians without a stated background.
+# Background colours of generated views, for Gaussians without a recorded background.
 _GREYS: tuple[Color, Color] = ((0.3, 0.3, 0.3), (0.7, 0.7, 0.7))
-# Width and height of generated views in pixels. Small captures for training have about this size.
+# Width and height of generated views in pixels. Small captures have about this image size.
 _GENERATED_SIZE = 480, 360
-# Pixels of the largest view. Larger views are scaled down, which bounds the time of a bake.
+# Number of pixels of the largest view. Larger views are scaled down to limit the time of a bake.
 MAX_PIXELS = 1 << 20
-# With fewer views than this there are no validation views, because all views have to supervise.
+# If there are fewer views than this, all views are training views, and there are no validation views.
 _MIN_VIEWS_TO_SPLIT = 3
-# Number of views below which interpolated views are added. With few views, optimised triangles cause
+# If there are fewer views than this, interpolated views are added. With few views, optimised triangles cause
 # artefacts of up to 6 dB in other views.
 _ENOUGH_VIEWS = 40
-# Largest number of interpolated views per training view after the first. Between few views little can be
-# interpolated.
+# Largest number of interpolated views per training view after the first training view. Only few useful views
+# can be interpolated between few views.
 _MAX_INTERPOLATED = 8
 
 
 @dataclass(frozen=True)
 class BakeViews:
-    """The views of a bake.
+    """The views of a bake: training, validation and test views with their background colours.
 
     Attributes
     ----------
     training, validation, test : tuple of Camera
-        Training views supervise the fit. Validation views are taken from the training set and decide between
-        results. Test views are held out for the final measurement. One view alone is a training view; with
-        fewer than three training views, none is used for validation.
+        Training views supervise the fit. Validation views are taken from the training views and decide
+        between results. Test views are held out for the final measurement. A single view is a training view.
+        With fewer than three training views, there is no validation view.
     interpolated : tuple of Camera
-        Views between the training and validation views, which supervise as well if there are few.
+        Additional training views between the other views, if there are few views.
     origin : {"scene", "given", "training", "turntable", "inside", "both"}
-        Where the views come from. "training": cameras found beside the model. The last three are generated.
+        Where the views come from. "training": cameras found in the folder of the model. The last three
+        origins are generated views.
     description : str
-        The same in words.
+        The origin in words.
     background : (float, float, float)
-        The colour behind the model.
+        The background colour.
     backgrounds : dict of str to (float, float, float)
-        Camera name -> the colour behind the model, for views with another one.
+        Camera name -> background colour, for views with a different background.
     scene : Scene, optional
         The scene of the views.
     notes : tuple of str
@@ -80,7 +81,7 @@ class BakeViews:
     is_generated : bool
         Whether the views are generated.
     why_not_judged : str, optional
-        Why no quality is measured in these views: the model covers too few pixels.
+        The reason if no quality is measured, because the model covers too few pixels.
     """
 
     training: tuple[Camera, ...]
@@ -97,11 +98,11 @@ class BakeViews:
     backgrounds: dict[str, Color] = field(default_factory=dict)
 
     def background_of(self, camera: Camera) -> Color:
-        """Return the colour behind the model in the view of a camera, which may be scaled."""
+        """Return the background colour in the view of a camera, which may be scaled."""
         return self.backgrounds.get(str(camera.name), self.background)
 
     def relative_to(self, origin: Origin) -> BakeViews:
-        """Return the views in coordinates relative to the origin of a model. `scene` stays as it is."""
+        """Return the views in coordinates relative to the origin of a model. `scene` is not changed."""
         kinds = ("training", "validation", "test", "interpolated")
         moved: dict[str, Any] = {
             kind: tuple(camera.relative_to(origin) for camera in getattr(self, kind)) for kind in kinds
@@ -127,17 +128,18 @@ def choose_bake_views(
 ) -> BakeViews:
     """Return the views of a bake.
 
-    They come from the first available source: a scene, given cameras, training cameras, or generated views.
+    The views come from the first available source: a scene, given cameras, training cameras, or generated
+    views.
 
     Parameters
     ----------
     scene : Scene or path-like, optional
         Its training views supervise, its test views are held out.
     cameras : iterable of Camera, optional
-        Every 8th is held out. The same holds for training cameras found beside the model and for generated
-        views.
+        Every 8th camera is held out. Every 8th training camera beside the model, or generated view, is held
+        out as well.
     up : str, optional
-        The up axis of generated views, such as "+z". Default: the asset's.
+        The up axis of generated views, such as "+z". Default: the up axis of the asset.
     background : (3,) floats, or str, optional
         As for `msb.render`. Default: the scene's background, else the asset's.
     photographs : bool
@@ -155,7 +157,7 @@ def choose_bake_views(
     if scene is not None and cameras is not None:
         raise UsageError("USAGE", "cameras and a scene are both given; pass only one of them")
     if kind is not None and (scene is not None or cameras is not None):
-        raise UsageError("USAGE", "views only applies to generated views, without cameras and a scene")
+        raise UsageError("USAGE", "views applies only to generated views, not with cameras or a scene")
     if scene is not None:
         return _choose_scene_views(asset, scene, background, photographs, device)
     notes: list[str] = []
@@ -167,7 +169,7 @@ def choose_bake_views(
     chosen = _drop_blind_views(asset, chosen, device)
     views = _limit_size(chosen.cameras, notes)
     training, test = split_every_8th(views)
-    if not training:  # there is one view
+    if not training:  # there is only one view
         training, test = test, []
     manifest = asset.manifest
     stated = manifest.appearance.get("background")
@@ -179,7 +181,7 @@ def choose_bake_views(
 
 
 def _with_two_backgrounds(views: BakeViews) -> BakeViews:
-    """Return the views over two greys in turn, so that dark and bright models both have an outline."""
+    """Alternate between two grey backgrounds, so that the outline of any model is visible."""
     groups = (views.all_but_test, views.test)
     colors = {
         str(camera.name): _GREYS[number % 2] for cameras in groups for number, camera in enumerate(cameras)
@@ -194,9 +196,9 @@ def _choose_scene_views(
     photographs: bool,
     device: str | None,
 ) -> BakeViews:
-    """Return the views of a bake with the split of a scene.
+    """Return the views of a bake with the scene's split into training and test views.
 
-    With `photographs`, training views without a photograph are left out.
+    With `photographs`, training views without a photograph are omitted.
     """
     manifest = asset.manifest
     if not isinstance(scene, Scene):
@@ -225,7 +227,7 @@ def _choose_scene_views(
 def _generate_views(
     asset: Asset, up: str | None, notes: list[str], device: str | None, kind: ViewKind | None
 ) -> ChosenViews:
-    """Return views around an asset or inside it at several heights; note an assumed up axis."""
+    """Return generated views around an asset or inside it. Add a note if the up axis is assumed."""
     framing = find_framing(asset)
     if asset.manifest.primitive == "gaussian" and framing.box is not None:
         outside = make_rings(asset, framing, SPLAT_RINGS, _SPLAT_PIXELS, up)
@@ -245,7 +247,7 @@ def _generate_views(
 
 
 def _drop_blind_views(asset: Asset, views: ChosenViews, device: str | None) -> ChosenViews:
-    """Return the views that see the asset; raise METRIC_NOTHING_SHOWN if all are blind."""
+    """Return the views that show the asset. Raise METRIC_NOTHING_SHOWN if no view shows it."""
     seeing = views.without_blind(asset, device)
     if not seeing.cameras:
         raise MetricError("METRIC_NOTHING_SHOWN", seeing.blind_message, file=asset.opened_from)
@@ -253,7 +255,7 @@ def _drop_blind_views(asset: Asset, views: ChosenViews, device: str | None) -> C
 
 
 def _limit_size(cameras: Sequence[Camera], notes: list[str]) -> list[Camera]:
-    """Return the cameras, scaled down if they have more than `MAX_PIXELS`; note the number of scaled ones."""
+    """Return the cameras, scaled down to at most `MAX_PIXELS`. Add a note about scaled cameras."""
     scale = [min(1.0, math.sqrt(MAX_PIXELS / (view.width * view.height))) for view in cameras]
     scaled = [
         view.scaled(factor) if factor < 1 else view for view, factor in zip(cameras, scale, strict=True)
@@ -275,9 +277,10 @@ def _split(
     notes: list[str],
     interpolate: bool = True,
 ) -> BakeViews:
-    """Return the views of a bake, with validation views split off and interpolated views added.
+    """Return the views of a bake. Split off validation views and add interpolated views.
 
-    `training` and `test` are the views of `chosen`. With photographs, `interpolate` must be false.
+    The arguments `training` and `test` are the training and test views of `chosen`. With photographs,
+    `interpolate` must be false.
     """
     count = len(training)
     fitting, validation = split_every_8th(training) if count >= _MIN_VIEWS_TO_SPLIT else (training, [])

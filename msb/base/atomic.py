@@ -1,7 +1,7 @@
 """Atomic writes: an output is either complete or does not exist.
 
 An output is written to a temporary file in the same folder, which is then renamed. Devices and pipes cannot
-be replaced, so they are written directly, after the output is complete.
+be replaced, so they are written directly after the output is complete.
 """
 
 import contextlib
@@ -27,15 +27,15 @@ def new_file(
 ) -> Iterator[BinaryIO]:
     """Yield a binary file that replaces `path` when the block ends without an error.
 
-    Missing parent folders are created. After an error `path` is unchanged, and the temporary file and the
-    created folders are removed. If `path` is a symbolic link, the link is replaced and its target is kept. A
-    link to a device or pipe is followed (`is_stream`).
+    Missing parent folders are created. After an error `path` is unchanged, and the temporary file and
+    created folders are removed. If `path` is a symbolic link, the link is replaced and its target is kept.
+    Links to a device or pipe are followed (`is_stream`).
 
     Parameters
     ----------
     path : path-like
     size : int, optional
-        Number of bytes that will be written. The error about a full disk reports it.
+        Number of bytes that will be written. The error about a full disk reports this number.
     overwrite : bool
         If false, an existing file is an error, even if it appears while the block runs.
     """
@@ -67,10 +67,11 @@ def new_file(
 
 @contextlib.contextmanager
 def new_files(paths: Sequence[Path], *, overwrite: bool = True) -> Iterator[Sequence[BinaryIO]]:
-    """Yield a binary file for each of `paths`. When the block ends, either all files are replaced or none.
+    """Yield a binary file for each of `paths`. When the block ends, either all files are replaced, or no
+    file.
 
-    The files are replaced in the given order, so list the file that refers to the others last. A single path
-    is written as by `new_file`; several paths must not include a device or pipe.
+    The files are replaced in the given order. A file that refers to the other files should be the last. For a
+    single path, the function behaves like `new_file`. Among several paths, devices and pipes are errors.
     """
     if len(paths) == 1:
         with new_file(paths[0], overwrite=overwrite) as file:
@@ -92,13 +93,13 @@ def new_files(paths: Sequence[Path], *, overwrite: bool = True) -> Iterator[Sequ
             _reject_existing(target, overwrite)
             _make_parent(target)
             _reject_folder(target)
-        # Write all temporary files completely before the first existing file is touched.
+        # Write all temporary files completely before changing the first existing file.
         files = [stack.enter_context(temporary.open("xb")) for temporary, _, _ in moves]
         yield files
         for file in files:
             file.flush()
             os.fsync(file.fileno())
-        # Keep a copy of each file that is replaced, and restore all of them after an error.
+        # Keep a copy of each replaced file, and restore all copies after an error.
         moved = []
         try:
             for temporary, target, aside in moves:
@@ -119,7 +120,7 @@ def new_files(paths: Sequence[Path], *, overwrite: bool = True) -> Iterator[Sequ
 
 @contextlib.contextmanager
 def room_for_temporaries() -> Iterator[None]:
-    """If the block cannot write temporary files, raise an error that names their folder and the remedy."""
+    """Convert errors about temporary files in the block to an error with the folder and a remedy."""
     try:
         yield
     except OSError as error:
@@ -135,8 +136,8 @@ def new_folder(
 ) -> Iterator[Path]:
     """Yield a new folder that replaces `path` when the block ends without an error.
 
-    The old folder or file is renamed, the new folder gets its name, and the old one is deleted. `size` and
-    `overwrite` have the same meaning as in `new_file`, except that an empty folder is always replaced.
+    The old folder or file is renamed, the new folder gets its name, and the old folder is deleted. The
+    arguments `size` and `overwrite` are those of `new_file`. An empty folder is always replaced.
     """
     target = _target(path)
     temporary, aside = _temporary_name(target), _temporary_name(target)
@@ -170,7 +171,7 @@ def new_folder(
 
 
 def _about_target(error: OutputError, temporary: Path, target: Path) -> OutputError:
-    """Convert an error about a file in the temporary folder to an error about the same file in `target`."""
+    """Convert an error about a temporary file to an error about the corresponding file in `target`."""
     file = Path(str(error.file))
     if not file.is_relative_to(temporary):
         return error
@@ -197,7 +198,7 @@ def check_place(path: str | os.PathLike[str], *, folder: bool = False) -> None:
         return
     with _output_errors(target, None):
         with contextlib.suppress(FileNotFoundError, NotADirectoryError, PermissionError):
-            target.lstat()  # only a name that is too long can raise this error
+            target.lstat()  # raises an error if the name is too long
         if not folder:
             _reject_folder(target)
         above = _above(target)
@@ -208,14 +209,14 @@ def check_place(path: str | os.PathLike[str], *, folder: bool = False) -> None:
 
 
 def check_new(path: str | os.PathLike[str]) -> None:
-    """Raise OUTPUT_EXISTS if there is a file or folder at `path`. Devices and pipes are accepted."""
+    """Raise OUTPUT_EXISTS if a file or folder exists at `path`. Devices and pipes are accepted."""
     target = _target(path)
     if not is_stream(target):
         _reject_existing(target, overwrite=False)
 
 
 def folder_is_taken(path: str | os.PathLike[str]) -> bool:
-    """Return whether a new folder at `path` would replace a file or a folder that is not empty."""
+    """Return whether a file or a non-empty folder exists at `path`."""
     return os.path.lexists(path) and not is_stream(path) and not _is_empty(Path(path))
 
 
@@ -225,10 +226,10 @@ def _reject_folder(target: Path) -> None:
 
 
 def is_stream(path: str | os.PathLike[str]) -> bool:
-    """Return whether `path` can only be written directly, because it cannot be replaced by another file.
+    """Return whether `path` must be written directly, because another file cannot replace it.
 
-    The result is true for devices, pipes and sockets, for links to them, and for names of an open file of
-    this process, such as ``/dev/stdout``, ``/dev/fd/63`` and ``/proc/self/fd/3``.
+    The result is true for devices, pipes and sockets, and for links to such files. The result is also true
+    for open files of this process, such as ``/dev/stdout``, ``/dev/fd/63`` and ``/proc/self/fd/3``.
     """
     try:
         mode = Path(path).stat().st_mode
@@ -237,10 +238,10 @@ def is_stream(path: str | os.PathLike[str]) -> bool:
     return not stat.S_ISDIR(mode) and (not stat.S_ISREG(mode) or _descriptor(path) is not None)
 
 
-# A write with one of these error numbers failed because of the disk, not because of the program.
+# Error numbers of a failed disk. The program did not cause the failure.
 DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT}
-# The remedy in errors about existing files. Commands print their option --force in its place.
+# The remedy in errors about existing files. Commands print "--force" in place of this text.
 REPLACES = "overwrite=True replaces it"
 _LEFTOVER = re.compile(r"\..{1,50}\.[0-9a-f]{12}\.part", re.DOTALL)
 
@@ -253,7 +254,7 @@ def is_leftover(name: str) -> bool:
 def remove_leftovers(folder: str | os.PathLike[str]) -> None:
     """Delete temporary files that killed processes left below `folder`.
 
-    No other process may write there during the call.
+    No other process may write to the folder during the call.
     """
     for root, folders, files in os.walk(folder):
         for name in [name for name in (*folders, *files) if is_leftover(name)]:
@@ -262,7 +263,7 @@ def remove_leftovers(folder: str | os.PathLike[str]) -> None:
 
 
 def _target(path: str | os.PathLike[str]) -> Path:
-    """Return `path` if its name is possible in a file system."""
+    """Return `path` if a file system accepts its name."""
     target = Path(path)
     if target.name in ("", ".."):
         raise OutputError(
@@ -270,7 +271,7 @@ def _target(path: str | os.PathLike[str]) -> Path:
         )
     try:
         possible = b"\0" not in os.fsencode(target)
-    except UnicodeEncodeError:  # half of a surrogate pair
+    except UnicodeEncodeError:  # the name has half of a surrogate pair
         possible = False
     if not possible:
         raise OutputError("OUTPUT_UNWRITABLE", "it is not a possible file name", file=path)
@@ -288,9 +289,9 @@ def _descriptor(path: str | os.PathLike[str]) -> int | None:
 
 @contextlib.contextmanager
 def _direct_writer(target: Path) -> Iterator[BinaryIO]:
-    """Yield a temporary file, which allows seeking.
+    """Yield a temporary file that allows seeking.
 
-    At the end of the block the temporary file is copied to `target`.
+    At the end of the block, the temporary file is copied to `target`.
     """
     with tempfile.TemporaryFile() as file:
         yield cast("BinaryIO", file)
@@ -298,7 +299,8 @@ def _direct_writer(target: Path) -> Iterator[BinaryIO]:
         number = _descriptor(target)
         if number == 1:
             sys.stdout.flush()
-        # Write at the current position of a descriptor. Opening the file by its name would write at byte 0.
+        # Write at the current position of the file descriptor. A file opened by name would be written from
+        # byte 0.
         flags = os.O_WRONLY | getattr(os, "O_BINARY", 0)
         number = os.open(target, flags) if number is None else os.dup(number)
         with os.fdopen(number, "wb") as stream:
@@ -321,7 +323,7 @@ def _exists(target: Path) -> UsageError:
 
 
 def _move_to_new(temporary: Path, target: Path) -> None:
-    """Rename a file or folder. Raise OUTPUT_EXISTS if another program has created the new name."""
+    """Rename a file or folder. Raise OUTPUT_EXISTS if another program has created the output meanwhile."""
     try:
         if not temporary.is_dir():
             target.hardlink_to(temporary)
@@ -329,7 +331,7 @@ def _move_to_new(temporary: Path, target: Path) -> None:
             return
     except FileExistsError as error:
         raise _exists(target) from error
-    except OSError:  # the file system has no hard links
+    except OSError:  # this file system has no hard links
         pass
     is_empty = temporary.is_dir() and _is_empty(target)
     _reject_existing(target, is_empty)
@@ -338,7 +340,7 @@ def _move_to_new(temporary: Path, target: Path) -> None:
     elif is_empty and os.name == "nt":  # Windows cannot replace a folder by renaming
         target.rmdir()
     try:
-        temporary.rename(target)  # fails if the target is a file or a folder that is not empty
+        temporary.rename(target)  # this call fails if the target is a file or a non-empty folder
     except OSError as error:
         if error.errno in {errno.EEXIST, errno.ENOTEMPTY, errno.ENOTDIR}:
             raise _exists(target) from error
@@ -357,7 +359,7 @@ _STANDARD = ("stdin", "stdout", "stderr")
 
 
 def _temporary_name(target: Path) -> Path:
-    # 50 characters take at most 200 bytes, so the temporary name is shorter than the limit of 255 bytes.
+    # The first 50 characters of the name take at most 200 bytes, and file systems allow 255 bytes.
     return target.with_name(f".{target.name[:50]}.{secrets.token_hex(6)}.part")
 
 
@@ -369,7 +371,7 @@ def _remove(path: Path) -> None:
             path.unlink()
 
 
-# Folders that were created for outputs. Several threads can create the same folder.
+# Folders that were created for outputs. Several threads can create one folder at the same time.
 _CREATED: set[Path] = set()
 
 
@@ -385,7 +387,7 @@ def _make_parent(target: Path) -> None:
 
 
 def _remove_created(target: Path) -> None:
-    """Delete the empty parent folders of an output that failed, if this module created them."""
+    """Delete the empty parent folders of a failed output, if this module created them."""
     for place in target.absolute().parents:
         if place not in _CREATED:
             return
@@ -399,12 +401,12 @@ def _after_failure(target: Path, kind: object, *_: object) -> None:
 
 
 def _above(target: Path) -> Path:
-    """Return the nearest existing parent of the target."""
+    """Return the nearest existing parent folder of the target."""
     return next((place for place in target.parents if os.path.lexists(place)), Path())
 
 
 def _check_folder(target: Path, above: Path) -> None:
-    """Reject a target below a file. The operating system would only report "File exists"."""
+    """Reject a target below a file. The operating system reports only "File exists" in this case."""
     if not above.is_dir():
         raise OutputError("OUTPUT_UNWRITABLE", f"it cannot be written: {above} is not a folder", file=target)
 
@@ -421,7 +423,7 @@ def _output_errors(target: Path, size: int | None) -> Iterator[None]:
 
 
 def _space(target: Path, size: int | None) -> str:
-    """Return the free and the needed disk space as text. The temporary file must be deleted already."""
+    """Return the free and the needed disk space as text. Delete the temporary file before the call."""
     try:
         free = shutil.disk_usage(_above(target.absolute())).free
     except OSError:

@@ -1,7 +1,7 @@
-"""Call functions in child processes, with limits of time and memory.
+"""Call functions in child processes with limits of time and memory.
 
-Other libraries can hang, crash or exhaust the memory. In a child process such a failure only costs the result
-of the call. Arguments and results are exchanged as files in a temporary folder.
+Other libraries can hang, crash or exhaust the memory. In a child process, such a failure does not end the
+main process. Arguments and results are exchanged as files in a temporary folder.
 """
 
 import contextlib
@@ -30,18 +30,18 @@ from msb.base.npz import write_npy
 from msb.errors import shorten
 
 Arrays = Mapping[str, NDArray[Any]]
-# A module-level function: it takes a word and named arrays, and returns JSON data and named arrays.
+# A module-level function that takes a word and named arrays, and returns JSON data and named arrays.
 Work = Callable[[str, Arrays], tuple[Any, Arrays]]
-# Seconds between two checks of the running processes. Starting Python alone takes at least 0.3 s.
+# Seconds between two checks of running processes. Starting Python alone takes at least 0.3 s.
 _POLL = 0.02
-# Names of the two files that a child writes: its result and its standard error.
+# Names of the two files that a child process writes: its result, and its standard error.
 _REPLY, _ERRORS = "reply.json", "errors"
-# Maximum number of bytes that are read from the result and from the standard error of a child.
+# Maximum number of bytes read from the result and from the standard error of a child process.
 _MOST_REPLY, _MOST_ERRORS = 1 << 26, 1 << 16
-# Exit status of a child that could not write its result: EX_IOERR of sysexits.h.
+# Exit status of a child process that could not write its result: EX_IOERR of sysexits.h.
 _UNWRITTEN = 74
 _OF_MEMORY = re.compile(r"MemoryError|bad_alloc|[Oo]ut of memory|[Cc]annot allocate|Unable to allocate")
-# A constant of linux/prctl.h.
+# A constant from linux/prctl.h.
 _PR_SET_PDEATHSIG = 1
 
 
@@ -52,19 +52,21 @@ class Reply:
     # The two values that the function returned.
     data: Any = None
     arrays: Arrays = field(default_factory=dict)
-    # The reason why the call failed, such as the text of its exception. Empty if it succeeded.
+    # The reason why the call failed, such as the text of its exception. If the call succeeded, the text is
+    # empty.
     why: str = ""
-    # What stopped a call that did not return: its time limit, its memory limit or a crash.
+    # The reason for the early end of a call: its time limit, its memory limit, or a crash.
     ended_by: Literal["time", "memory", "crash"] | None = None
-    # Duration of the function in seconds. After a stop at the time limit this is the limit, after a crash
-    # None.
+    # Run time of the function in seconds. If the call reached the time limit, the value is the time limit.
+    # After a crash, the value is None.
     seconds: float | None = None
 
 
 def run_in_child(work: Work, word: str, arrays: Arrays, limits: Limits) -> Reply:
     """Call `work(word, arrays)` in a child process, and return its result.
 
-    The child is killed when it reaches a limit, when this call is interrupted, and when this process ends.
+    The child process is killed when it reaches a limit, when this call is interrupted, and when this
+    process ends.
     """
     return run_in_children(work, [word], arrays, limits)[word]
 
@@ -72,7 +74,8 @@ def run_in_child(work: Work, word: str, arrays: Arrays, limits: Limits) -> Reply
 def run_in_children(
     work: Work, words: Sequence[str], arrays: Arrays, limits: Limits, *, at_once: int = 1
 ) -> dict[str, Reply]:
-    """Call `work(word, arrays)` for each word in a child process, at most `at_once` of them at a time."""
+    """Call `work(word, arrays)` for each word in a child process, with at most `at_once` processes at a
+    time."""
     replies: dict[str, Reply] = {}
     running: dict[str, tuple[subprocess.Popen[bytes], Path, float]] = {}
     waiting = list(words)
@@ -107,9 +110,10 @@ def run_in_children(
 
 
 def detached_options() -> dict[str, Any]:
-    """Return options of `subprocess.Popen` that keep Ctrl-C from the child. The parent must end the child.
+    """Return options of `subprocess.Popen` that keep Ctrl-C away from the child process. The parent process
+    must end the child.
 
-    The child gets a new session on POSIX, and a new process group on Windows.
+    The child process gets a new session on POSIX, and a new process group on Windows.
     """
     if sys.platform == "win32":
         return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
@@ -118,10 +122,10 @@ def detached_options() -> dict[str, Any]:
 
 def _start(work: Work, word: str, folder: Path, limits: Limits) -> subprocess.Popen[bytes]:
     folder.mkdir()
-    # -P: do not import a file of the current folder that has the name of a module.
+    # The option -P prevents imports from the current folder.
     command = [sys.executable or "python3", "-P", "-m", "msb.base.children"]
     function = f"{work.__module__}:{work.__qualname__}"
-    root = str(Path(__file__).resolve().parents[2])  # so that the child imports the same msb
+    root = str(Path(__file__).resolve().parents[2])  # ensures that the child process imports the same msb
     path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
     with (folder / _ERRORS).open("wb") as errors:
         return subprocess.Popen(
@@ -136,7 +140,7 @@ def _start(work: Work, word: str, folder: Path, limits: Limits) -> subprocess.Po
 
 
 def _end(child: subprocess.Popen[bytes]) -> None:
-    """Kill a child that still runs, with the processes that it started, and wait for its end."""
+    """Kill a running child process and the processes that it started, and wait for its end."""
     if child.poll() is None:
         if sys.platform == "win32":
             child.kill()
@@ -146,7 +150,7 @@ def _end(child: subprocess.Popen[bytes]) -> None:
 
 
 def _read_reply(folder: Path, status: int, limits: Limits) -> Reply:
-    """Return the result in the folder of a child, or the reason why the call failed."""
+    """Return the result in the folder of a child process, or the reason why the call failed."""
     if status == _UNWRITTEN:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     printed = _read_errors(folder)
@@ -156,7 +160,7 @@ def _read_reply(folder: Path, status: int, limits: Limits) -> Reply:
         if not why:
             arrays = {path.stem: np.load(path, allow_pickle=False) for path in folder.glob("*.npy")}
             return Reply(reply["data"], arrays, seconds=seconds)
-    except Exception:  # the reply is missing or incomplete: the child crashed
+    except Exception:  # the result is missing or incomplete, because the child process crashed
         how, seconds = f"status {status}", None
         with contextlib.suppress(ValueError):
             how = signal.Signals(-status).name
@@ -170,7 +174,7 @@ def _read_reply(folder: Path, status: int, limits: Limits) -> Reply:
 
 
 def _read_errors(folder: Path) -> str:
-    """Return the end of a child's standard error as text."""
+    """Return the end of a child process's standard error as text."""
     with (folder / _ERRORS).open("rb") as file:
         file.seek(max(0, file.seek(0, os.SEEK_END) - _MOST_ERRORS))
         return file.read().decode(errors="replace")
@@ -178,7 +182,7 @@ def _read_errors(folder: Path) -> str:
 
 @contextlib.contextmanager
 def _shared_folder() -> Iterator[Path]:
-    """Yield a temporary folder for the arguments and results of children."""
+    """Yield a temporary folder for the arguments and results of child processes."""
     with (
         room_for_temporaries(),
         tempfile.TemporaryDirectory(prefix="msb-apart-", ignore_cleanup_errors=True) as name,
@@ -187,14 +191,14 @@ def _shared_folder() -> Iterator[Path]:
 
 
 def _write_arguments(arrays: Arrays, folder: Path) -> None:
-    """Write the arrays that all children read."""
+    """Write the arrays that all child processes read."""
     (folder / "given").mkdir()
     for name, array in arrays.items():
         write_npy(folder / "given" / f"{name}.npy", array)
 
 
 def check_room(arrays: Arrays) -> None:
-    """Check that the temporary folder has room for the arrays that children read.
+    """Check that the temporary folder has room for the arrays that child processes read.
 
     Raises
     ------
@@ -247,8 +251,8 @@ def _end_with_parent() -> None:
 def _limit_memory(gib: float) -> None:
     """Limit the memory of this process to `gib` GiB.
 
-    RLIMIT_DATA counts writable memory. RLIMIT_AS would be too strict, because it also counts address space
-    that libraries only reserve, such as the arenas of threads.
+    RLIMIT_DATA limits writable memory. RLIMIT_AS would be too strict, because it also counts address space
+    that libraries only reserve, such as memory arenas of threads.
     """
     import resource
 

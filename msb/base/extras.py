@@ -7,12 +7,12 @@ from msb.errors import UsageError
 
 
 def is_installed(module: str) -> bool:
-    """Return whether the top-level `module` is installed. It is not imported."""
+    """Return whether the top-level `module` is installed. The module is not imported."""
     return find_spec(module) is not None
 
 
 def install(extra: str) -> str:
-    """Return the command that installs `extra`, with quotes that every shell understands."""
+    """Return the command that installs `extra`, quoted so that every shell understands it."""
     return f'pip install "meshsplatbench[{extra}]"'
 
 
@@ -26,9 +26,9 @@ def need_extra(extra: str, *modules: str, what: str, instead: str = "") -> None:
     *modules : str
         Top-level modules.
     what : str
-        What needs them: the subject of the message, such as "an MP4 film".
+        The feature that needs the modules, as the subject of the message, such as "an MP4 film".
     instead : str
-        A sentence about what works without them, in lower case.
+        A sentence in lower case about an alternative that works without the modules.
 
     Raises
     ------
@@ -39,7 +39,10 @@ def need_extra(extra: str, *modules: str, what: str, instead: str = "") -> None:
 
 
 def need_extras(extras: Mapping[str, Iterable[str]], *, what: str, instead: str = "") -> None:
-    """Check the modules of several extras as `need_extra` does. One error names all missing modules."""
+    """Check the modules of several extras, as `need_extra` does for one extra.
+
+    A single error names all missing modules.
+    """
     missing = {
         extra: absent
         for extra, modules in extras.items()

@@ -36,19 +36,20 @@ class _LazyPackage(ModuleType):
 
 
 def make_lazy(package: str, homes: Mapping[str, str]) -> None:
-    """Import the public names of a package at their first use.
+    """Import the public names of a package at first use.
 
-    A command is a module of the package that does its work. Importing the package does not import its other
-    modules, so that the help of a command is printed without importing NumPy. A package with a public
-    function of the same name can be called: ``msb.render(asset, camera)`` is ``msb.render.render(asset,
-    camera)``, and ``msb.render.images`` is still a module.
+    Each package also contains the modules of its commands. Importing the package does not import its other
+    modules, so a command's help is printed without importing NumPy.
+
+    A package can be called if it has a public function with the package's name. For example,
+    ``msb.render(asset, camera)`` calls ``msb.render.render``, and ``msb.render.images`` is still a module.
 
     Parameters
     ----------
     package : str
         Full name of the package, which is ``__name__`` of the caller.
     homes : mapping
-        Public name -> the module that defines it.
+        For each public name, the module that defines it.
     """
     module: Any = sys.modules[package]
     module.__class__ = _LazyPackage

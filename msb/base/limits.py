@@ -12,14 +12,15 @@ from msb.errors import UsageError
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of one call in a child process.
+    """Time and memory limits of one call in a child process.
 
     Attributes
     ----------
     seconds : float
         Elapsed time, including the start of the process and the exchange of files.
     memory : float, optional
-        Writable memory in GiB (RLIMIT_DATA of Linux; other systems have no limit). None sets no limit.
+        Writable memory in GiB (RLIMIT_DATA of Linux; other systems have no limit). The value None sets no
+        limit.
     """
 
     seconds: Annotated[float, Option("Time limit in seconds for each call of another library.")] = 60.0
@@ -34,7 +35,7 @@ class Limits:
 
     @property
     def limits_memory(self) -> bool:
-        """Whether the memory limit applies. Only Linux can limit writable memory."""
+        """Whether the memory limit applies on this system. Only Linux can limit writable memory."""
         return sys.platform == "linux" and self.memory is not None
 
     def to_dict(self) -> dict[str, float | None]:

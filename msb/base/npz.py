@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 
 
 def write_npy(path: Path, array: NDArray[Any]) -> None:
-    """Write `array` as `numpy.save` does. If the disk is full, the error says so."""
+    """Write `array` like `numpy.save`. If the disk is full, the error states this reason."""
     with path.open("wb") as file:
-        stream: Any = SimpleNamespace(write=file.write)  # given a real file, NumPy would call ndarray.tofile
+        stream: Any = SimpleNamespace(write=file.write)  # avoid ndarray.tofile
         np.lib.format.write_array(stream, array, allow_pickle=False)
 
 
 def write_npz(file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write `arrays` as `numpy.savez` does; `numpy.load` reads them.
+    """Write `arrays` like `numpy.savez`. The file can be read with `numpy.load`.
 
-    On a full disk `numpy.savez` of NumPy 1.26 leaves its archive open, and Python prints a traceback later.
+    On a full disk, `numpy.savez` of NumPy 1.26 leaves its archive open, and Python later prints a traceback.
     """
     with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
         for name, array in arrays.items():
-            # zipfile has to know in advance whether a member can exceed 4 GiB.
+            # zipfile must know in advance whether a member can exceed 4 GiB.
             with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
                 np.lib.format.write_array(member, array, allow_pickle=False)

@@ -1,7 +1,7 @@
-"""Annotations that turn the fields of an options dataclass into options of a command.
+"""Annotations that turn the fields of an options dataclass into command-line options.
 
-Example: ``tier: Annotated[Tier, Option("How to draw.")] = "standard"``. A command that takes such a dataclass
-has an option for each annotated field.
+Example: ``tier: Annotated[Tier, Option("How to draw.")] = "standard"``. A command that takes an options
+dataclass has an option for each annotated field.
 """
 
 from dataclasses import dataclass
@@ -13,24 +13,25 @@ from msb.errors import UsageError, shorten
 
 @dataclass(frozen=True)
 class Option:
-    """The help of an option, and the properties that do not follow from the name and the type of its field.
+    """The help of an option, and properties in addition to the name and the type of its field.
 
     Attributes
     ----------
     help : str
         The effect of the option, in one or two sentences.
     flags : tuple of str
-        Its names on the command line. By default the name of the field: ``--image-folder``.
+        Names of the option on the command line. By default, the name of the field, such as
+        ``--image-folder``.
     metavar : str, optional
-        The word for its value in the help.
+        The word for the option's value in the help.
     least, most : float, optional
         The range of a number.
     count : bool
-        Whether its value is the number of times that it is given, as in ``-vv``.
+        Whether the value is the number of times that the option is given, as in ``-vv``.
     output : "file", "own" or "folder", optional
-        For a path that is written. "file": `msb.cli` checks that it is new, or that ``--force`` is given.
-        "own": the command checks it. "folder": the command checks the files in it, and the folder itself can
-        be an input.
+        The rule for checking an output path. "file" means that `msb.cli` checks that the file is new, or
+        that ``--force`` is given. "own" means that the command checks the path. "folder" means that the
+        command checks the files in the folder, which can also be an input.
     endings : tuple of str
         Allowed endings of the name of an output file.
     """
@@ -46,7 +47,7 @@ class Option:
 
 
 class Argument(Option):
-    """A positional argument, with the attributes of an `Option`. `metavar` is its name."""
+    """A positional argument with the attributes of an `Option`. `metavar` is the name of the argument."""
 
 
 def label_of(options: Any, name: str) -> str:
@@ -56,12 +57,12 @@ def label_of(options: Any, name: str) -> str:
 
 
 def check_values(options: Any) -> None:
-    """Check the values of an options object: the choices of a `Literal`, and the range of an `Option`.
+    """Check the values of an options object against the choices of a `Literal` and the range of an `Option`.
 
     Raises
     ------
     UsageError
-        USAGE: a value is invalid. The message names the option of the command line.
+        USAGE: a value is invalid. The message names the command-line option.
     """
     for name, hint in get_type_hints(type(options), include_extras=True).items():
         value, option = getattr(options, name), _option(hint)

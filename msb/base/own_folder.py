@@ -1,6 +1,7 @@
 """Write a whole folder of results.
 
-The folder gets a list of the files that were written. A later run replaces these files and keeps all others.
+The folder contains a list of the written files. A later run replaces the listed files and keeps all other
+files.
 """
 
 import contextlib
@@ -13,7 +14,7 @@ from pathlib import Path
 from msb.base.atomic import check_place, new_folder
 from msb.errors import UsageError, shorten
 
-# Name of the list in the folder.
+# Name of the list file in the folder.
 LIST = "msb-files.json"
 _SCHEMA = "msb.files/1"
 
@@ -24,7 +25,7 @@ def check_own_folder(folder: Path) -> None:
     Raises
     ------
     UsageError
-        OUTPUT_EXISTS: it is a file, or a folder with files but without the list of an earlier run.
+        OUTPUT_EXISTS: the path is a file, or a folder with files but without the list of an earlier run.
     OutputError
         OUTPUT_UNWRITABLE: the folder cannot be written.
     """
@@ -32,7 +33,7 @@ def check_own_folder(folder: Path) -> None:
     if os.path.lexists(folder) and not folder.is_dir():
         raise UsageError("OUTPUT_EXISTS", "it is a file; name a folder", file=folder)
     if folder.is_dir() and any(folder.iterdir()) and listed_files(folder) is None:
-        text = f"it holds files, but not the {LIST} of an earlier run; name another folder"
+        text = f"it contains files, but not the {LIST} of an earlier run; name another folder"
         raise UsageError("OUTPUT_EXISTS", text, file=folder)
 
 
@@ -40,15 +41,15 @@ def check_own_folder(folder: Path) -> None:
 def own_folder(path: str | os.PathLike[str], *, overwrite: bool = True) -> Iterator[Path]:
     """Yield a temporary folder that replaces `path` when the block ends without an error.
 
-    With `overwrite` the files that an earlier run wrote are replaced or removed, and all other files stay.
-    After an error the old folder is as before. If `path` is a link to a folder, that folder is replaced and
-    the link stays.
+    With `overwrite`, the files of an earlier run are replaced or removed, and all other files stay. After
+    an error, the old folder is unchanged. If `path` is a link to a folder, that folder is replaced and the
+    link stays.
 
     Raises
     ------
     UsageError
-        OUTPUT_EXISTS: as in `check_own_folder`; or the folder is not empty and `overwrite` is false; or a new
-        file would replace one that is not in the list.
+        OUTPUT_EXISTS: as in `check_own_folder`; or the folder is not empty and `overwrite` is false; or a
+        new file would replace a file that is not in the list.
     """
     target = Path(path)
     if target.is_symlink() and target.is_dir():
@@ -63,9 +64,9 @@ def own_folder(path: str | os.PathLike[str], *, overwrite: bool = True) -> Itera
 
 
 def _keep_others(old: Path, new: Path) -> None:
-    """Copy files of the old folder to the new folder, unless they are in the list of the old folder.
+    """Copy files of the old folder to the new folder, except the files in the old folder's list.
 
-    Hard links are used if possible.
+    The copies are hard links if possible.
     """
     listed = {*(listed_files(old) or ()), LIST}
     for root, folders, files in os.walk(old):
@@ -77,19 +78,20 @@ def _keep_others(old: Path, new: Path) -> None:
             if place.as_posix() in listed:
                 continue
             target = new / place
-            # Do not replace a file of the user that has the same name as a new file.
+            # Do not replace a user's file that has the name of a new file.
             if os.path.lexists(target):
                 text = f"{shorten(place.as_posix(), 60)} exists and is not in the list of an earlier run"
                 raise UsageError("OUTPUT_EXISTS", f"{text}; move it or name another folder", file=old)
             target.parent.mkdir(parents=True, exist_ok=True)
             try:
                 os.link(source, target, follow_symlinks=False)
-            except OSError:  # the file system has no hard links
+            except OSError:  # this file system has no hard links
                 shutil.copy2(source, target, follow_symlinks=False)
 
 
 def listed_files(folder: Path) -> frozenset[str] | None:
-    """Return the paths in the list of a folder, relative to the folder; None if it has no valid list."""
+    """Return the paths in the list of a folder, relative to the folder, or None if the folder has no valid
+    list."""
     try:
         document = json.loads((folder / LIST).read_text(encoding="utf-8"))
         if document["schema"] == _SCHEMA:

@@ -1,4 +1,4 @@
-"""Plug-ins of other packages: find them by their entry points, load them, and contain their errors."""
+"""Find and load plug-ins of other packages, and convert their errors to warnings."""
 
 import contextlib
 import re
@@ -11,40 +11,41 @@ from typing import Any, TypeVar
 
 from msb.errors import MsbError, shorten
 
-# Pattern of the names of methods and metrics, in files and in entry points.
+# Pattern for the names of methods and metrics in files and in entry points.
 NAME = r"^[a-z][a-z0-9_]{0,63}$"
 Plugin = TypeVar("Plugin")
 
 
 class PackageWarning(UserWarning):
-    """A warning that a plug-in cannot be used. All others still can."""
+    """A warning that a plug-in cannot be used. Other plug-ins remain usable."""
 
 
 class PackageError(Exception):
-    """The reason why a plug-in cannot be used, as text that follows its name and a colon."""
+    """An error of a plug-in. The text of the error is printed after the plug-in's name and a colon."""
 
 
 def find_installed(
     kind: str, ours: Mapping[str, str], accept: Callable[[str, str], Plugin], *, pattern: str | None = NAME
 ) -> dict[str, tuple[Plugin, str]]:
-    """Return the plug-ins of installed packages. Each plug-in that cannot be used causes one warning.
+    """Return the plug-ins of installed packages. Each unusable plug-in causes one warning.
 
     Parameters
     ----------
     kind : str
-        The entry-point group in the singular: "method" stands for the group `msb.methods`, and "mesh" for
+        The entry-point group in the singular: "method" means the group `msb.methods`, and "mesh" means
         `msb.meshes`.
     ours : mapping
-        Name -> module of the built-in parts, which a plug-in cannot replace.
+        Modules of the built-in parts by name; a plug-in cannot replace them.
     accept : callable
-        Takes the name and the value of an entry point and returns the plug-in. It may raise `PackageError`.
+        Takes the name and the value of an entry point and returns the plug-in. The callable may raise
+        `PackageError`.
     pattern : str, optional
         Regular expression that names must match; None allows all names.
 
     Returns
     -------
     dict
-        Name -> plug-in and value of its entry point, sorted by name.
+        For each name, the plug-in and the value of its entry point, sorted by name.
     """
     plugins: dict[str, tuple[Plugin, str]] = {}
     for entry in sorted(_entries(kind), key=lambda entry: (entry.name, entry.value)):
@@ -70,7 +71,7 @@ def _entries(kind: str) -> Iterable[EntryPoint]:
     group = f"msb.{_plural(kind)}"
     try:
         return entry_points(group=group)
-    except Exception:  # a package has an invalid entry_points.txt: read the files of all packages separately
+    except Exception:  # invalid entry_points.txt of a package: read all files separately
         return [entry for package in distributions() for entry in _own_entries(package, kind, group)]
 
 
@@ -95,7 +96,7 @@ def describe_entry(kind: str, name: str, value: str) -> str:
 
 
 def warn(text: str) -> None:
-    """Issue a warning about a plug-in. `text` begins with an error code."""
+    """Issue a warning about a plug-in. The `text` begins with an error code."""
     warnings.warn(text, PackageWarning, stacklevel=2)
 
 
@@ -115,12 +116,13 @@ def load(value: str) -> Any:
 
 
 class Lazy(Mapping[str, Plugin]):
-    """A mapping that is created at its first use, so that no plug-in is imported earlier.
+    """A mapping that is created at first use. At first use, the plug-ins are imported.
 
     Parameters
     ----------
     make : callable
-        Returns the mapping. It should cache it, because each access calls it.
+        A function that returns the mapping. The function should cache the mapping, because each access
+        calls the function.
     """
 
     def __init__(self, make: Callable[[], Mapping[str, Plugin]]) -> None:
@@ -140,8 +142,8 @@ class Lazy(Mapping[str, Plugin]):
 def contain_errors() -> Iterator[None]:
     """Run code of another package and turn its exceptions and exits into `PackageError`.
 
-    Errors of msb are raised unchanged. The output of the code goes to standard error, because standard output
-    can be the JSON result of a command.
+    Errors of msb are raised unchanged. The code's output is printed on standard error, because a command may
+    print JSON on standard output.
     """
     try:
         with contextlib.redirect_stdout(sys.stderr):

@@ -15,7 +15,7 @@ PATH_TYPES = (str, os.PathLike)
 def given_path(path: str | os.PathLike[str]) -> Path:
     """Return `path` as a `Path`.
 
-    An empty text is an error, because `Path` takes it for the current folder.
+    An empty text is an error, because `Path` would treat it as the current folder.
     """
     if not isinstance(path, PATH_TYPES):
         text = f"the path is of type {type(path).__name__}; pass text or a pathlib.Path"
@@ -26,7 +26,7 @@ def given_path(path: str | os.PathLike[str]) -> Path:
 
 
 def real_place(path: Path) -> str:
-    """Return `path` with links resolved. A path with a NUL, which cannot exist, is returned unchanged."""
+    """Return `path` with all links resolved. A path with a NUL, which cannot exist, is returned unchanged."""
     return os.path.realpath(path) if "\0" not in str(path) else str(path)
 
 
@@ -35,7 +35,7 @@ def shell_word(text: str | os.PathLike[str]) -> str:
 
     Double quotes work in all three shells, unless the path contains $, %, backticks or quotes. A path with
     these characters gets single quotes, which cmd.exe does not understand. A path that begins with a hyphen
-    gets ``./`` in front, so that it is not taken for an option.
+    gets the prefix ``./``, so that programs do not read it as an option.
     """
     word = os.fspath(text)
     if word.startswith("-"):
@@ -48,14 +48,14 @@ def shell_word(text: str | os.PathLike[str]) -> str:
 def normal_form(name: str) -> str:
     """Return a file name in Unicode's composed normal form (NFC).
 
-    Archives from macOS store letters and accents separately (NFD). A name in NFD looks the same, but other
-    systems treat it as a different name. Therefore compare names in NFC.
+    Archives from macOS store letters and accents separately (NFD). A decomposed name looks the same, but
+    other systems treat it as a different name. Therefore names are compared in NFC.
     """
     return name if name.isascii() else unicodedata.normalize("NFC", name)
 
 
 class SpelledFiles:
-    """Find files below a folder even if their names are stored in another Unicode normal form.
+    """Find files below a folder, independent of the Unicode normal form of their names.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class SpelledFiles:
         self._listed: dict[Path, dict[str, list[str]]] = {}
 
     def find(self, name: str) -> Path:
-        """Return the path of `name`, which has forward slashes, below the folder. It need not exist."""
+        """Return the path of `name`, which has forward slashes, below the folder. The path need not exist."""
         place = self._root
         for part in name.split("/"):
             place /= part if part.isascii() else self._as_stored(place, part)
@@ -77,7 +77,7 @@ class SpelledFiles:
         if folder not in self._listed:
             names = self._listed[folder] = {}
             try:
-                stored = sorted(os.listdir(folder))  # noqa: PTH208 - names, no paths
+                stored = sorted(os.listdir(folder))  # noqa: PTH208 - returns names, not paths
             except (OSError, ValueError):
                 stored = []
             for entry in stored:
@@ -85,6 +85,6 @@ class SpelledFiles:
         alike = self._listed[folder].get(normal_form(name), [name])
         if len(alike) > 1:
             name = shorten(alike[0], 60)
-            text = f"it holds {len(alike)} files named {name} in different Unicode normal forms; keep one"
+            text = f"it contains {len(alike)} files named {name} in different Unicode normal forms; keep one"
             raise InputError("FILE_UNREADABLE", text, file=folder)
         return alike[0]

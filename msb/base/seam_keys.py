@@ -1,6 +1,6 @@
 """Seam keys: hashes of vertex attributes that msb does not read.
 
-Two vertices at one position can differ in these attributes only.
+Two vertices with equal positions may differ in these attributes only.
 """
 
 from collections.abc import Iterable
@@ -9,14 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Two names of attributes in `msb.topology.seams.Attributes`. An asset may have a buffer SEAM_KEY.
+# Names of attributes in `msb.topology.seams.Attributes`. SEAM_KEY is also the name of a buffer of an asset.
 SEAM_KEY, TRIANGLE_LIST = "seam_key", "triangle_list"
-# Multiplier of the hash: 2^32 divided by the golden ratio, as in Fibonacci hashing.
+# Multiplier of the Fibonacci hash: 2^32 divided by the golden ratio.
 _MULTIPLIER = np.uint32(0x9E3779B1)
 
 
 def hash_attributes(columns: Iterable[NDArray[Any]]) -> NDArray[np.uint32]:
-    """Return the seam keys (n,) of n vertices: a hash of each row of several arrays of attributes (n, k).
+    """Return the seam keys (n,) of n vertices.
+
+    A seam key is a hash of one row of all attribute arrays (n, k).
 
     Rows with equal values have equal hashes. Different rows have equal hashes with a probability of 2^-32.
     """
@@ -25,7 +27,7 @@ def hash_attributes(columns: Iterable[NDArray[Any]]) -> NDArray[np.uint32]:
         rows = np.ascontiguousarray(values).reshape(len(values), -1)
         if rows.dtype.kind == "f":
             rows = rows + rows.dtype.type(0)  # -0 becomes +0
-        # words (n, m) uint32: the bits of each row. Smaller integers become 32 bits wide.
+        # words (n, m) uint32: the bits of each row. Smaller integers are widened to 32 bits.
         wide: NDArray[Any] = rows.astype(np.int64 if rows.dtype.kind in "iub" else np.float64)
         words: NDArray[np.uint32] = wide.view(np.uint32)
         key = key if len(key) else np.full(len(words), 0x811C9DC5, np.uint32)

@@ -7,18 +7,18 @@ from numpy.typing import NDArray
 
 
 def is_soup(faces: NDArray[Any]) -> bool:
-    """Return whether faces (F, 3) are a triangle soup: no two of them use the same vertex.
+    """Return whether faces (F, 3) are a triangle soup, in which no two faces use the same vertex.
 
-    If a face lists a vertex twice, this counts as one use.
+    A face that lists a vertex twice is one use of this vertex.
     """
-    # Number of faces that use each vertex, (V,).
+    # Count the faces that use each vertex, (V,).
     a, b, c = faces.T
     uses = np.bincount(np.concatenate([a, b[b != a], c[(c != a) & (c != b)]]))
     return bool(uses.max(initial=0) < 2)
 
 
 def is_unindexed(faces: NDArray[Any], vertex_count: int) -> bool:
-    """Return whether every vertex is used exactly once, as a corner of a face.
+    """Return whether each vertex is used by exactly one face corner.
 
     Such a mesh is a triangle soup without unused vertices and without faces that list a vertex twice.
     """

@@ -1,3 +1,3 @@
-"""The version of msb. No other file contains it."""
+"""The version of msb. No other file contains the version number."""
 
 __version__ = "0.2.0"

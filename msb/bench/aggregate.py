@@ -1,7 +1,7 @@
-"""The metrics of the tables, their place in a record, and averages over scenes and groups of scenes.
+"""Define the metrics of the tables, and average them over scenes and groups of scenes.
 
-Values are unrounded and in the units of the records (bytes, seconds, milliseconds); tables round them. None
-means a missing number, never zero. docs/protocol.md describes the rules.
+Values are unrounded and in the units of the records (bytes, seconds, milliseconds). Tables round the values.
+A missing number is None, never zero. The rules are described in docs/protocol.md.
 """
 
 import math
@@ -18,26 +18,27 @@ from msb.topology.metric_text import DECIMALS
 
 Better = Literal["higher", "lower"]
 _MIB = float(1 << 20)
-# Largest difference between the rounds of a timing, relative to the frame rate. On an idle machine the rounds
-# differ by a few percent. A larger difference shows that other programs slowed the renderer.
+# Limit for the difference between the frame rates of the rounds, relative to the overall frame rate. On an
+# idle machine the rounds differ by a few percent. A difference of more than 25 % shows that other programs
+# slowed down the renderer.
 MAX_RATE_RANGE = 0.25
 
 
 class Metric(NamedTuple):
-    """A number of the tables: its title, unit and precision, and the function that reads it from a record."""
+    """A number of the tables: its title, unit and precision, and a function that reads it from a record."""
 
     title: str
     unit: str
     decimals: int
-    # None if neither direction is better.
+    # Whether higher or lower values are better; None for a metric without a direction.
     better: Better | None
     get: Callable[[Result], float | None]
-    # The size of the printed unit in units of the records: 60 if seconds are printed as minutes.
+    # Factor between the printed unit and the unit of the records: 60 if seconds are printed as minutes.
     scale: float = 1.0
 
     @property
     def last_digit(self) -> float:
-        """The smallest difference that a table shows, in the unit of the records."""
+        """The value of the last printed digit, in the unit of the records."""
         return float(10.0**-self.decimals * self.scale)
 
 
@@ -64,7 +65,10 @@ def _read_timing(get: Callable[[Timing], float | None]) -> Callable[[Result], fl
 
 
 def _read_device_time(get: Callable[[Timing], float]) -> Callable[[Result], float | None]:
-    """Return a function that computes a number from device times; None if the renderer measured none."""
+    """Return a function that computes a number from device times.
+
+    Without device times, the function returns None.
+    """
     return _read_timing(lambda times: get(times) if times.has_device_times else None)
 
 
@@ -75,7 +79,10 @@ def _compute_rate_range(timing: Timing) -> float | None:
 
 
 def why_unsteady(result: Result) -> str | None:
-    """Return why a frame rate is not used: its rounds differ by more than 25 %. None if it is used."""
+    """Return an error text if the frame rates of the rounds differ by more than 25 %.
+
+    The result is None if the frame rate can be used.
+    """
     if result.timing is None or (_compute_rate_range(result.timing) or 0.0) <= MAX_RATE_RANGE:
         return None
     slow, fast = min(result.timing.round_fps), max(result.timing.round_fps)
@@ -85,7 +92,7 @@ def why_unsteady(result: Result) -> str | None:
 
 
 def _get_memory(result: Result) -> float | None:
-    """Return the bytes of our renderer's buffers, or what the user measured for the method's renderer."""
+    """Return the GPU memory of a renderer in bytes."""
     if result.memory is not None:
         return result.memory.total
     return None if result.renderer_timing is None else result.renderer_timing.peak_gpu_memory_bytes
@@ -163,12 +170,12 @@ def _list_metrics() -> Mapping[str, Metric]:
 
 
 # All numbers of the tables. Memory and sizes are in bytes. `spread_ms` is P95 - P50, and `host_ms` is the
-# wall-clock time of a frame minus its device time. `unsteady` is the difference between the frame rates of
-# the fastest and the slowest round, divided by the overall frame rate. `flicker` and `holes` are measured on
-# the walk, and `chamfer` is DTU's "overall".
+# wall-clock time of a frame minus its device time. `unsteady` is the difference between the fastest and the
+# slowest round, divided by the overall frame rate. `flicker` and `holes` are measured on the walk, a camera
+# path away from the captured views. `chamfer` is the DTU benchmark's "overall" distance.
 METRICS: Mapping[str, Metric] = Lazy(_list_metrics)
 
-# The scenes over which each dataset is averaged.
+# The scenes of each dataset that are averaged.
 SCENES: dict[str, tuple[str, ...]] = {name: tuple(dataset.scenes) for name, dataset in DATASETS.items()}
 # The printed name of each dataset, in the order of the tables.
 TITLES: dict[str, str] = {name: dataset.title for name, dataset in DATASETS.items()}
@@ -184,7 +191,10 @@ CONDITION_TITLES: dict[str, str] = {
 
 @dataclass(frozen=True)
 class Mean:
-    """An unweighted average over scenes; `present` scenes out of `expected` have a value."""
+    """An unweighted average over the scenes of a dataset.
+
+    `present` is the number of scenes with a value, and `expected` is the number of all scenes.
+    """
 
     value: float | None
     present: int
@@ -192,15 +202,15 @@ class Mean:
 
     @property
     def partial(self) -> bool:
-        """Whether the value of a scene is missing."""
+        """Whether the value of at least one scene is missing."""
         return self.present < self.expected
 
 
 def expected_scenes(dataset: str, present: Iterable[str]) -> tuple[str, ...]:
-    """Return the scenes over which the values of `dataset` are averaged.
+    """Return the scenes of `dataset` that averages include.
 
-    If `present` contains a published scene of the dataset, all published scenes are returned, otherwise the
-    scenes in `present`.
+    The result is all published scenes if `present` contains a published scene, otherwise the scenes in
+    `present`.
     """
     names = tuple(dict.fromkeys(present))
     published = SCENES.get(dataset, ())
@@ -208,7 +218,7 @@ def expected_scenes(dataset: str, present: Iterable[str]) -> tuple[str, ...]:
 
 
 def scene_groups(dataset: str) -> dict[str, tuple[str, ...]]:
-    """Return the scenes of each average over a part of `dataset`, by its name, such as "indoor_mean"."""
+    """Return the scene groups of `dataset`, such as "indoor_mean", with the scenes of each group."""
     groups: dict[str, list[str]] = {}
     for scene, group in DATASETS[dataset].scenes.items() if dataset in DATASETS else ():
         if group:
@@ -219,8 +229,8 @@ def scene_groups(dataset: str) -> dict[str, tuple[str, ...]]:
 def mean_over(values: Mapping[str, float | None], scenes: Iterable[str]) -> Mean:
     """Return the average over `scenes` with equal weights.
 
-    An average of P95 is therefore the average of the scenes' percentiles, not a percentile of all frames. The
-    average of Mip-NeRF 360 is over nine scenes, not over its indoor and outdoor averages.
+    The average of P95 is the average of the scenes' percentiles, not a percentile of all frames. The average
+    of Mip-NeRF 360 is over nine scenes, not over its indoor and outdoor averages.
     """
     expected = tuple(scenes)
     known = [value for scene in expected if (value := values.get(scene)) is not None]

@@ -1,7 +1,7 @@
-"""The bakes of a run: computed once per model and scene, and again only if an input changes.
+"""The bakes of a run. A bake is computed once per model and scene, and again only if an input changes.
 
-A bake is stored in the results folder. A JSON file beside a bake holds the hash of the inputs and the report
-of the bake.
+A bake is stored in the results folder. A JSON file beside the bake stores the report of the bake and a hash
+of its inputs.
 """
 
 from collections.abc import Mapping
@@ -31,20 +31,20 @@ _MAX_BYTES = 1 << 20
 
 @dataclass(frozen=True, eq=False)
 class BakeTask:
-    """A task for a worker: bake one model on a scene."""
+    """A task for a worker process: bake one model on a scene."""
 
     root: Path
     run: str
-    # Dataset, scene and model.
+    # Dataset, scene and model of the bake.
     names: tuple[str, str, str]
     model: ModelAsset
     label: str
-    # The result of `make_bake_options`.
+    # Bake options, the result of `make_bake_options`.
     options: Mapping[str, Any]
-    # Values that replace settings of the model in its native rendering.
+    # Values that replace the model's settings in native rendering.
     settings: Mapping[str, Any]
     scene: SceneAt
-    # Hashes of the test views when the run was planned.
+    # Hashes of the test views at the time of planning.
     views: ViewState
     # The hash of all inputs of the bake.
     key: str
@@ -52,7 +52,7 @@ class BakeTask:
 
     @property
     def name(self) -> str:
-        """The name in progress lines."""
+        """The name of the task in progress lines."""
         return " ".join((*self.names, self.label))
 
     @property
@@ -67,9 +67,9 @@ class BakeTask:
 
 
 def make_bake_options(table: BakeTable, method: str) -> dict[str, Any]:
-    """Return the options of `msb.bake`; the default supervision is the native rendering of the method.
+    """Return the options of `msb.bake`. By default, the method's native rendering supervises the bake.
 
-    Meshes without a method's renderer are supervised by photographs.
+    A mesh without a method's renderer is supervised by photographs.
     """
     is_native = lookup(method).supports("dedicated")
     return {"supervision": "native" if is_native else "photographs", **table.options}
@@ -100,7 +100,7 @@ def hash_bake_inputs(
 def find_known_bake(task: BakeTask, run: str | None = None) -> ModelAsset | None:
     """Return the finished bake of a task, or None if it is missing, outdated or damaged.
 
-    With `run`, only a bake of that run is returned.
+    If `run` is given, only a bake of that run is returned.
     """
     try:
         path = task.description_path
@@ -109,18 +109,19 @@ def find_known_bake(task: BakeTask, run: str | None = None) -> ModelAsset | None
         )
         if description.key != task.key or run not in (None, description.run):
             return None
-        # Copying the results changes the modification time. If the time differs, the content is compared.
+        # Copying the results folder changes the modification time. If the time differs, the file content is
+        # compared.
         same = stamp(task.path) == description.stamp or file_sha256(task.path) == description.asset.sha256
-    except (MsbError, OSError, ValueError):  # ValueError: a path contains a NUL character
+    except (MsbError, OSError, ValueError):  # ValueError: the path contains a NUL character
         return None
     return _make_model(task, description) if same else None
 
 
 def make_bake(task: BakeTask) -> ModelAsset:
-    """Bake the model of a task from the training views of the scene, and write the file that describes it.
+    """Bake the model of a task from the training views of the scene, and write the JSON file of the bake.
 
-    A bake that this run has already finished is returned. A task can arrive twice because a cluster may
-    repeat the tasks of a lost worker.
+    If this run has already finished the bake, it is returned without computation. A task can arrive twice,
+    because a cluster may repeat the tasks of a lost worker.
     """
     from msb.bake import bake
 
@@ -130,7 +131,7 @@ def make_bake(task: BakeTask) -> ModelAsset:
     scene = read_planned_scene(task.scene, task.views)
     source = with_settings(task.model.open(), task.settings)
     baked = bake(source, scene=scene, device=task.device, **task.options)
-    check_run(task.root, task.run)  # a worker of a killed run must not write into the results of a later run
+    check_run(task.root, task.run)  # stop if a later run has started
     report = baked.save(task.path, overwrite=True)
     asset = describe_file(task.path).model_copy(update={"bytes": measure_size(task.path)})
     document = BakeDocument.of(report.to_dict())
@@ -153,7 +154,7 @@ class _BakeDescription(Record):
 
 
 def _make_model(task: BakeTask, description: _BakeDescription) -> ModelAsset:
-    """Return the model of a task with the bake as its asset."""
+    """Return a model whose asset is the baked mesh."""
     asset = description.asset.model_copy(update={"path": str(task.path)})
     return task.model.model_copy(
         update={"asset": asset, "source": task.model.asset, "bake": description.bake}

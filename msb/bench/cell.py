@@ -1,4 +1,7 @@
-"""Compute the parts of one cell and write its record; a failed part does not stop the others."""
+"""Compute the parts of one benchmark cell and write its record.
+
+A failed part does not stop the other parts.
+"""
 
 import contextlib
 import time
@@ -24,9 +27,10 @@ from msb.bench.records import Reason, Result
 from msb.bench.walk import measure_walk
 from msb.errors import MsbError, shorten
 
-# The error code of an unexpected exception.
+# The error code of unexpected exceptions.
 INTERNAL = "INTERNAL"
-# The function that computes each part. A function returns keys of `Result` with their values.
+# The function that computes each part of a cell. Each function returns a dictionary of `Result` keys and
+# values.
 MEASURES: dict[PartName, Callable[[Job], dict[str, Any]]] = {
     "quality": measure_quality,
     "audit": measure_audit,
@@ -38,21 +42,21 @@ MEASURES: dict[PartName, Callable[[Job], dict[str, Any]]] = {
     "renderer_timing": read_native_timing,
     "timing": measure_timing,
 }
-# The keys of `Result` that each part fills. A part that is not listed fills the key of its own name.
+# Keys of `Result` that each part fills. Parts without an entry fill the key with the part's own name.
 _KEYS: dict[PartName, tuple[str, ...]] = {
     "quality": ("quality", "setup", "renders", "renderer", "device"),
     "timing": ("timing", "memory", "floor", "device"),
 }
-# Names of inputs that do not count as rendering options.
+# Names of inputs that are not rendering options.
 _NOT_RENDERING = frozenset(
     ("cameras", "photographs", "metrics", "device", "clock", "flight", "definition", "film")
 )
 
 
 def compute(job: Job) -> JobOutcome:
-    """Compute the parts of a job, and write the record of its cell.
+    """Compute the requested parts of a cell, and write its record.
 
-    Parts of the earlier record are kept while they are valid.
+    Parts of the earlier record are kept if they are still valid.
     """
     check_run(job.root, job.run)
     start = time.perf_counter()
@@ -66,10 +70,10 @@ def compute(job: Job) -> JobOutcome:
         try:
             filled = MEASURES[part](job)
             if part == "quality" and "timing" in record["inputs"]:
-                del filled["device"]  # if there is a timing, the record names the device of the timing
+                del filled["device"]  # if the cell has a timing, the record names the device of the timing
             record |= filled
             record["inputs"][part] = dict(inputs)
-        except Exception as error:  # even an unexpected error must not stop the other parts
+        except Exception as error:  # an unexpected error in one part must not stop the other parts
             if isinstance(error, MsbError) and error.code == "RUN_SCHEDULER":
                 raise
             record["reasons"][part] = make_reason(error)
@@ -79,7 +83,7 @@ def compute(job: Job) -> JobOutcome:
 
 
 def write_lost(job: Job, reason: Reason) -> None:
-    """Write the record of a job whose worker died before it could write one."""
+    """Write the record of a cell whose worker process died before writing it."""
     old = _read_old(job)
     if old is None or any(part in MAIN for part in job.parts):
         write_result(job.folder, Result(cell=job.cell, status="failed", reason=reason, seconds=0.0))
@@ -90,7 +94,7 @@ def write_lost(job: Job, reason: Reason) -> None:
 
 
 def _write(job: Job, record: dict[str, Any]) -> Result:
-    """Write and return the record of a cell with the parts in `record`."""
+    """Write the record of a cell with the parts in `record`, and return the record."""
     failed = next((record["reasons"].pop(part) for part in MAIN if part in record["reasons"]), None)
     result = Result(
         cell=job.cell,
@@ -116,7 +120,7 @@ def _read_old(job: Job) -> Result | None:
 
 
 def _keep_valid_parts(job: Job, old: Result | None) -> dict[str, Any]:
-    """Return the parts of the earlier record that are still valid, as arguments of `Result`."""
+    """Return the valid parts of the earlier record. The result contains arguments of `Result`."""
     kept: dict[str, Any] = {"inputs": {}, "reasons": {}, "seconds": 0.0}
     if old is None:
         return kept
@@ -140,9 +144,9 @@ def _is_valid(part: PartName, job: Job, old: Result) -> bool:
     recorded, requested = old.inputs[part], job.requested.get(part)
     if requested is not None:
         return recorded == requested
-    # The protocol no longer requests the part, so its current inputs are unknown. The part is valid if its
-    # inputs are unchanged, as far as they are also inputs of the images or the audit. Timing and walk must
-    # also have the same set of rendering options as the images.
+    # The current inputs of the part are unknown, because the protocol no longer requests the part. A part is
+    # valid if it shares its inputs with the images or the audit, and these inputs are unchanged. For timing
+    # and walk, the rendering options must also be the same as for the images.
     present = {name: value for main in MAIN for name, value in job.requested.get(main, {}).items()}
     images = job.requested.get("quality", {}).keys()
     same_options = (
@@ -165,7 +169,10 @@ def write_result(folder: Path, result: Result) -> None:
 
 
 def make_reason(error: Exception) -> Reason:
-    """Return an error as a reason; the message of an unexpected error (INTERNAL) names its source line."""
+    """Return the code and the message of an error as a `Reason`.
+
+    The message of an unexpected error (INTERNAL) names its source line.
+    """
     if isinstance(error, MsbError):
         return Reason(code=error.code, message=shorten(str(error).removeprefix(f"{error.code}: "), 500))
     frames = traceback.extract_tb(error.__traceback__)

@@ -10,7 +10,7 @@ from typing import Any
 from msb.base.files import file_sha256
 from msb.bench.records import File
 
-# Hexadecimal digits of a short hash. 16 digits are 64 bits, enough to detect a changed input.
+# Number of hexadecimal digits of a short hash. 16 digits are 64 bits, enough to detect a changed input.
 _SHORT_DIGITS = 16
 
 
@@ -21,13 +21,13 @@ def digest(data: Any) -> str:
 
 
 def list_sha256(hashes: Iterable[tuple[str, str]]) -> str:
-    """Return the SHA-256 of a list of (file name, SHA-256) in the format of ``sha256sum``, sorted by name."""
+    """Return the SHA-256 of a file list in the format of ``sha256sum``, sorted by name."""
     lines = "".join(f"{sha256}  {name}\n" for name, sha256 in sorted(hashes))
     return hashlib.sha256(lines.encode()).hexdigest()
 
 
 def describe_file(path: Path) -> File:
-    """Return path, size and hash of a file, or of all files in a folder except hidden ones."""
+    """Return path, size and hash of a file, or of a folder's visible files."""
     if not path.is_dir():
         sha256 = file_sha256(path)
         return File(path=str(path), bytes=path.stat().st_size, sha256=sha256)

@@ -1,7 +1,8 @@
 """The parts of a record that other commands write: audit, bake, trials, repairs and Chamfer distance.
 
-These parts are stored as the other commands write them. The models below declare only the keys that tables
-and reports read. All other keys are kept unchanged, so the other command may add keys.
+The record stores the output of other commands without changes. The models in this module declare only the
+keys that are read for tables and reports. All other keys are kept unchanged, so that other commands may add
+keys.
 """
 
 from dataclasses import asdict
@@ -17,7 +18,7 @@ from msb.topology.audit import Metrics
 from msb.topology.findings import Counts
 from msb.topology.verdict import Level
 
-# The first strategy in a comparison of repairs: the mesh without any repair.
+# The first strategy in a comparison of repairs: the unrepaired mesh.
 STORED = "as stored"
 Decibels = Annotated[float, Field(ge=0, le=find_max_psnr(MAX_PIXELS))]
 # Sums of areas are rounded, so a share of 100 % may be slightly larger than 1.
@@ -28,13 +29,13 @@ Outcome = Literal["works", "care", "fails", "not_run"]
 
 
 class Document(Record):
-    """A document of another command; undeclared keys are kept."""
+    """A document of another command. Keys that are not declared are kept."""
 
     model_config = ConfigDict(extra="allow")
 
 
 class AuditVerdict(Document):
-    """The verdict on a mesh and its reason."""
+    """The verdict on a mesh, and its reason."""
 
     level: Level
     sentence: str
@@ -167,7 +168,7 @@ class RepairDocument(Document):
 
     @property
     def succeeded(self) -> list[Strategy]:
-        """The strategies that did not fail; the first is the unrepaired mesh."""
+        """The strategies that did not fail; the first strategy is the unrepaired mesh."""
         return [row for row in self.strategies if isinstance(row, Strategy)]
 
 

@@ -18,9 +18,10 @@ from msb.bench.validation import read_json
 from msb.errors import InputError, MsbError, OutputError, UsageError
 
 RESULT = "result.json"
-# Folders beside a record with the images of its trials and repairs.
+# Folders beside a record with the images of trials and repairs.
 TRIAL_FOLDER, REPAIRS_FOLDER = "trial", "repairs"
-# The film beside a record. The film shows the one second of the walk with the most flicker.
+# The film beside a record of a cell. The film shows the one second of the walk (camera path) with the most
+# flicker.
 WALK_FILM = "walk.mp4"
 _LOCK = ".lock"
 # The file that names the current run, and its maximum size in bytes.
@@ -30,7 +31,7 @@ _MAX_RUN = 1 << 16
 
 @dataclass(frozen=True)
 class Results:
-    """Paths below the results folder `root`; docs/protocol.md shows the tree."""
+    """Paths below the results folder `root`. docs/protocol.md shows the folders."""
 
     root: Path
 
@@ -47,7 +48,7 @@ class Results:
         return sorted((self.root / "cells").glob(f"*/*/*/*/{RESULT}"))
 
     def read(self, cell: Cell) -> Result:
-        """Return one cell's record."""
+        """Return the record of one cell."""
         path = self.record(cell)
         result = read_result(path)
         self.check_place(result, path)
@@ -64,21 +65,21 @@ class Results:
             raise InputError("RECORD_INVALID", text, file=path)
 
     def ground_truth(self, dataset: str, scene: str, key: str) -> Path:
-        """Return the folder of the ground truth of a scene; `key` is `ViewState.photographs`."""
+        """Return the ground truth folder of a scene. Pass `ViewState.photographs` as `key`."""
         return self.root / "ground_truth" / dataset / scene / key
 
     def asset(self, dataset: str, scene: str, model: str) -> Path:
-        """Return the path of an exported asset; `model` is the label of the model, or its method."""
+        """Return the path of an exported asset. `model` is the label of the model, or its method."""
         return self.root / "assets" / dataset / scene / f"{model}.triasset"
 
     def bake(self, dataset: str, scene: str, model: str, label: str) -> Path:
-        """Return the path of a bake; `model` is the label of the model, or its method."""
+        """Return the path of a bake. `model` is the label of the model, or its method."""
         return self.root / "assets" / dataset / scene / model / f"{label}.triasset"
 
     def video(self, *names: str) -> Path:
         """Return the path of a film.
 
-        `names` are dataset, scene and model, or dataset and scene for the film of all models of the scene.
+        `names` are dataset, scene and model. Without a model, the film shows all models of the scene.
         """
         return self.root.joinpath("videos", *names[:-1], f"{names[-1]}.mp4")
 
@@ -87,7 +88,7 @@ class Results:
 def lock_results(root: Path) -> Iterator[str]:
     """Lock the results folder for one run, remove temporary files of killed runs, and yield the run's id.
 
-    The operating system releases the lock when the process ends in any way, so a lock is never stale.
+    The operating system releases the lock when the process ends for any reason, so a lock is never stale.
     """
     need_extra("bench", "filelock", what="a folder of results")
     from filelock import FileLock, Timeout
@@ -112,7 +113,7 @@ def lock_results(root: Path) -> Iterator[str]:
             file.write(json.dumps(about).encode())
         yield run
     finally:
-        remove_leftovers(root)  # temporary files of workers that died or were interrupted
+        remove_leftovers(root)  # remove temporary files of workers that died or were interrupted
         with contextlib.suppress(OSError):
             (root / _RUN).unlink()
         lock.release()
@@ -129,7 +130,7 @@ def check_names(*paths: Path | None) -> None:
 
 
 def check_run(root: Path, run: str) -> None:
-    """Raise RUN_SCHEDULER if this machine does not see the results folder of the run."""
+    """Raise RUN_SCHEDULER if this machine cannot access the results folder of the run."""
     if _read_run(root).get("run") != run:
         text = (
             f"worker {platform.node()} cannot see the results of this run; all machines of a cluster need "
@@ -147,7 +148,10 @@ def _holder(root: Path) -> str:
 
 
 def _read_run(root: Path) -> dict[str, object]:
-    """Return the content of the file that names the current run; empty if no run is active."""
+    """Return the content of the file that names the current run.
+
+    If no run is active, return an empty content.
+    """
     try:
         about = read_json(root / _RUN, _MAX_RUN)
     except MsbError:

@@ -1,10 +1,11 @@
 """Deployment gaps and slowdowns between the conditions of a method (paper: section "Multi-Modal Audit").
 
-Let Q_ne, Q_ded and Q_std be the values of a metric in Non-Engine, Dedicated and Standard, and let s be +1 if
-higher values are better and -1 otherwise. The signed losses are a = s (Q_ne - Q_ded), p = s (Q_ded - Q_std)
-and d = s (Q_ne - Q_std); a positive loss means a worse result. The paper's gaps of adaptation, portability
-and deployment are the absolute values of a, p and d. The paper's equation deploy = adapt + port holds only
-if Dedicated lies between the other two (`Gaps.monotone`). `Gaps.triangle_excess` is adapt + port - deploy.
+Let Q_ne, Q_ded and Q_std be the values of a metric in Non-Engine, Dedicated and Standard. Let s be +1 if
+higher values are better, otherwise -1. The signed losses are a = s (Q_ne - Q_ded), p = s (Q_ded - Q_std) and
+d = s (Q_ne - Q_std). A positive loss means a worse result. The paper's gaps of adaptation, portability and
+deployment are the absolute values of a, p and d. The paper's equation deploy = adapt + port holds only if
+Dedicated lies between Non-Engine and Standard (`Gaps.monotone`). `Gaps.triangle_excess` is adapt + port -
+deploy.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ PAIRS: dict[GapName, tuple[str, str]] = {
     "deploy": ("non_engine", "standard"),
 }
 
-# Keys of a device's record that do not identify the device: its state, and its number format for blending.
+# Keys of a device record that do not identify the device.
 _NOT_IDENTIFYING = OF_THE_MOMENT | {"blends"}
 # Metrics that are compared on equal devices only.
 _DEVICE_METRICS = frozenset({"fps", "p50_ms", "p95_ms", "memory", "driver_memory"})
@@ -41,29 +42,31 @@ _DEVICE_METRICS = frozenset({"fps", "p50_ms", "p95_ms", "memory", "driver_memory
 
 @dataclass(frozen=True)
 class Gap:
-    """A gap in the unit of its metric, averaged over `scenes` scenes out of `expected`."""
+    """A gap in the unit of its metric.
+
+    The gap is an average over `scenes` of the dataset's `expected` scenes.
+    """
 
     # The absolute gap; None if there is a `reason`.
     value: float | None
     # The signed loss; positive if the second condition is worse.
     signed: float | None = None
-    # The reason of `incomparable`.
+    # The reason for a missing gap, a result of `incomparable`.
     reason: str | None = None
-    # The average of the absolute gaps of single scenes. This average is never smaller than `value`, because
-    # gains cancel losses in `value`.
+    # The average of the absolute gaps of single scenes. Gains and losses of different scenes cancel in
+    # `value`, but not in this average.
     mean_abs_scene_gap: float | None = None
     scenes: int = 1
     expected: int = 1
-    # The averages of the two conditions over exactly these scenes. These averages differ from the averages in
-    # other tables if scenes are missing in one condition.
+    # The average of each condition, over the scenes of the gap. Other tables may average over more scenes.
     ends: tuple[float, float] | None = None
-    # The 95 % interval of `signed`, computed from the losses in single views. The interval is None if only
-    # the two averages are known.
+    # The 95 % interval of `signed`, computed from the losses in single views. If only the two averages are
+    # known, the interval is None.
     interval: Interval | None = None
 
     @property
     def partial(self) -> bool:
-        """Whether a scene is missing."""
+        """Whether the gap of at least one scene is missing."""
         return self.scenes < self.expected
 
 
@@ -75,10 +78,11 @@ class Gaps:
     adapt: Gap
     port: Gap
     deploy: Gap
-    # Whether the value of Dedicated, rounded as in tables, lies between the other two values or equals one of
-    # them. None if a gap is missing, or if the gaps cover different scenes.
+    # Whether the value of Dedicated lies between the values of Non-Engine and Standard. Values are compared
+    # after rounding, as in tables, and equality is sufficient. The result is None if a gap is missing, or if
+    # the gaps cover different scenes.
     monotone: bool | None
-    # adapt + port - deploy: 0 if monotone, otherwise 2 min(adapt, port).
+    # The excess adapt + port - deploy. The excess is 0 for monotone values, otherwise 2 min(adapt, port).
     triangle_excess: float | None
 
     def __getitem__(self, name: GapName) -> Gap:
@@ -88,9 +92,9 @@ class Gaps:
 
 @dataclass(frozen=True)
 class Ratio:
-    """The ratio of the frame rates of two conditions: averaged over scenes, and for each scene."""
+    """The ratio of the frame rates of two conditions."""
 
-    # The ratio of the averages over the same scenes; None if there is a `reason`, as in `Gap`.
+    # The ratio of the averages over the same scenes; None if no ratio can be computed.
     value: float | None
     reason: str | None = None
     per_scene: Mapping[str, float] = field(default_factory=dict)
@@ -98,7 +102,7 @@ class Ratio:
 
     @property
     def partial(self) -> bool:
-        """Whether a scene is missing."""
+        """Whether the ratio of at least one scene is missing."""
         return len(self.per_scene) < self.expected
 
 
@@ -113,15 +117,15 @@ def value_gaps(
 
 
 def scene_gaps(metric: str, results: Conditions) -> Gaps:
-    """Return the gaps of one method on one scene; `results` holds the record of each condition."""
+    """Return the gaps of one method on one scene. `results` contains the record of each condition."""
     return dataset_gaps(metric, {"": results}, [""])
 
 
 def dataset_gaps(metric: str, results: Mapping[str, Conditions], scenes: Iterable[str]) -> Gaps:
-    """Return the gaps of one method on a dataset: gaps between averages over scenes, as in the paper.
+    """Return the gaps of one method between its averages on a dataset, as in the paper.
 
-    `results` holds the records by scene, then by condition. `scenes` are the expected scenes. Each gap covers
-    all scenes with comparable records of its two conditions.
+    `results` contains the records by scene, then by condition. `scenes` are the expected scenes. A gap
+    includes the scenes in which both conditions have comparable records.
     """
     expected = tuple(scenes)
     covered: dict[GapName, tuple[str, ...]] = {}
@@ -140,9 +144,9 @@ def gap_between(
     *,
     one_asset: bool = True,
 ) -> tuple[Gap, tuple[str, ...]]:
-    """Return the gap between the records named `first` and those named `second`, and the scenes it covers.
+    """Return the gap between the records `first` and `second`, with the names of its scenes.
 
-    The names are two conditions of a method, or two methods if `one_asset` is false.
+    `first` and `second` are two conditions of a method, or two methods if `one_asset` is false.
     """
     values, reasons = _select_comparable(metric, results, scenes, first, second, one_asset=one_asset)
     if not values:
@@ -169,7 +173,7 @@ def slowdown(
     """Return the ratio of the frame rates of two conditions.
 
     The default is the paper's slowdown, the frame rate of Standard divided by the frame rate of Dedicated.
-    The ratio of "dedicated" to "non_engine" compares an engine with the method's own renderer.
+    For a comparison of an engine with the method's own renderer, pass "dedicated" and "non_engine".
     """
     expected = tuple(scenes)
     values, reasons = _select_comparable("fps", results, expected, numerator, denominator)
@@ -185,7 +189,7 @@ def slowdown(
 def incomparable(
     metric: str, first: Result | None, second: Result | None, *, one_asset: bool = True
 ) -> str | None:
-    """Return why the values of `metric` in two records are not comparable, or None if they are comparable.
+    """Return the reason that `metric` cannot be compared between two records, or None.
 
     The reasons are "unsupported", "failed", "missing" (no record), "not_measured" (no value in the record),
     "camera_mismatch" (different views or image sizes), "setup_mismatch" (different background or ground
@@ -193,9 +197,10 @@ def incomparable(
     "unsteady" (the rounds of a frame rate differ too much).
 
     The records must have equal images, sizes, ground truth, background and definition of the metric. If both
-    records have an asset, the asset must be the same; a bake counts as the asset that was baked. Speed and
-    memory must be measured on the same device. Versions of libraries may differ. Two methods (`one_asset`
-    false) may differ in background and camera convention, because these belong to the method.
+    records have an asset, it must be the same asset. For a bake, the asset before the bake is compared. Speed
+    and memory must be measured on the same device. Versions of libraries may differ between records. If
+    `one_asset` is false, two methods are compared. The backgrounds and camera conventions of two methods may
+    differ.
     """
     for result in (first, second):
         if result is None:
@@ -238,7 +243,7 @@ def _select_comparable(
     *,
     one_asset: bool = True,
 ) -> tuple[dict[str, tuple[float, float]], list[str]]:
-    """Return the values of both conditions in each scene, and why other scenes are not comparable."""
+    """Return the values of both conditions in each comparable scene, and the reasons of the other scenes."""
     get = METRICS[metric].get
     values: dict[str, tuple[float, float]] = {}
     reasons = []
@@ -273,7 +278,7 @@ def _compute_gap(metric: str, first: float | None, second: float | None) -> Gap:
 
 
 def _combine(metric: str, gaps: Mapping[GapName, Gap], *, same_scenes: bool = True) -> Gaps:
-    """Return the three gaps of a metric with their monotonicity and triangle excess."""
+    """Return the three gaps of a metric, with their excess and whether the values are monotone."""
     adapt, port, deploy = gaps["adapt"], gaps["port"], gaps["deploy"]
     monotone: bool | None = None
     excess: float | None = None
@@ -281,22 +286,22 @@ def _combine(metric: str, gaps: Mapping[GapName, Gap], *, same_scenes: bool = Tr
         digits = IMAGE_METRICS[metric].decimals if metric in IMAGE_METRICS else None
         rounded = [loss if digits is None else round(loss, digits) for loss in (adapt.signed, port.signed)]
         monotone = rounded[0] * rounded[1] >= 0
-        # If the values are monotone, the excess is 0; computing it would add rounding errors.
+        # For monotone values, set the excess to 0 to avoid rounding errors.
         excess = 0.0 if monotone else abs(adapt.signed) + abs(port.signed) - deploy.value
     return Gaps(metric, adapt, port, deploy, monotone, excess)
 
 
 def _find_commonest(reasons: list[str]) -> str:
-    """Return the most frequent reason; "missing" only if no scene has another one.
+    """Return the most frequent reason, except "missing". If no scene has another reason, return "missing".
 
-    Otherwise an incomplete dataset would hide why its measured scenes are not comparable.
+    The reason "missing" alone would not tell why the measured scenes have no gap.
     """
     others = [reason for reason in reasons if reason != "missing"]
     return max(dict.fromkeys(others), key=others.count) if others else "missing"
 
 
 def _get_photograph_setup(result: Result) -> tuple[str, bool] | None:
-    """Return folder and resizing of the photographs of a record."""
+    """Return the image folder of a record, and whether its photographs were resized."""
     return None if result.setup is None else (result.setup.image_folder, result.setup.gt_resized)
 
 
@@ -312,8 +317,7 @@ def _compare_devices(first: Result, second: Result) -> str | None:
     native = [record.renderer_timing for record in (first, second) if record.renderer_timing is not None]
     if any(timing.whole_command for timing in native):
         return "whole_command"
-    # A timing that the user measured states only the name of its device. Therefore only device names are
-    # compared.
+    # A timing by the user contains only the name of its device. Therefore only device names are compared.
     if native:
         return None if _get_device_name(first) == _get_device_name(second) else "device_mismatch"
     devices = [

@@ -1,8 +1,10 @@
-"""The inputs of each part of a cell, as hashes and versions; a part with a changed input is computed again.
+"""The inputs of each part of a benchmark cell, as hashes and versions.
 
-Versions of libraries are recorded but are not inputs, so an update of NumPy renders nothing again. The device
-is an input of timings only, because images agree between devices. A record nevertheless names the device that
-rendered its images.
+A part with a changed input is computed again.
+
+Versions of libraries are recorded but are not inputs, so an update of NumPy does not repeat any rendering.
+The device is an input of timings only, because all devices draw the same images. A record still names the
+device that rendered its images.
 """
 
 import contextlib
@@ -28,25 +30,25 @@ from msb.metrics.identity import defined
 from msb.metrics.steadiness import BLUR, REACH, SAME
 from msb.scenes.datasets import Scene, SceneAt, compare_training, note_scaled_cameras, warn_unknown_split
 
-# The note on a model whose split the user vouches for.
+# The note on a model whose training split is not recorded but confirmed by the protocol.
 VOUCHED = (
-    "its training does not record which views it held out; the protocol vouches that it saw no test view "
-    "(held_out)"
+    "its training does not record the held-out views; the key held_out of the protocol confirms that the "
+    "test views were held out"
 )
-# Hexadecimal digits of a hash in a record. 16 digits are 64 bits, enough to detect a changed input.
+# Number of hexadecimal digits of a hash in a record. 16 digits are 64 bits, enough to detect a changed input.
 _SHORT_DIGITS = 16
-# Paths in the folder of DTU's official evaluation data: point cloud, observation mask and ground plane of a
-# scan.
+# Paths within DTU's official evaluation data: point cloud, observation mask and ground plane of a scan.
 _CLOUD, _GRID, _PLANE = "Points/stl/stl{:03d}_total.ply", "ObsMask/ObsMask{}_10.mat", "ObsMask/Plane{}.mat"
 
 
 class InputReader:
-    """Reads scenes, hashes and versions once for a whole plan, and collects warnings about them."""
+    """Reads scenes, hashes and versions once for a whole run plan, and collects warnings about them."""
 
     def __init__(self, device: Mapping[str, Any] | None = None) -> None:
         # The record of the OpenCL device, if any.
         self.device = device
-        # The keys are the warnings about scenes and invalid records, in order and without repetition.
+        # Warnings about scenes and invalid records. A dictionary keeps the warnings in order and without
+        # repetition.
         self.warnings: dict[str, None] = {}
         self._scenes: dict[Path, Scene] = {}
         self.describe_views = cache(self._views)
@@ -60,7 +62,7 @@ class InputReader:
         return describe_views(self.read_scene(at))
 
     def read_scene(self, at: SceneAt) -> Scene:
-        """Return a scene, and add its warnings."""
+        """Return a scene, and collect its warnings."""
         scene = at.read()
         lines = (warning.to_line(warning.file or scene.root) for warning in scene.warnings)
         self.warnings |= dict.fromkeys(lines)
@@ -70,10 +72,10 @@ class InputReader:
     def find_training_differences(
         self, model: ModelAsset | None, at: SceneAt, place: Path | None, *, held_out: bool
     ) -> Iterator[str]:
-        """Yield each difference between a model's training and the evaluation, and add it as a warning.
+        """Yield each difference between a model's training and the evaluation, and store a warning.
 
-        `model` is None for official renderings without a model, and `place` is the path of the model.
-        `held_out` is the key of the protocol that vouches for a training which does not record its split.
+        Pass the path of the model as `place`. If only official renderings exist, `model` is None. `held_out`
+        is the protocol key that confirms that the test views were not used for training.
         """
         notes: list[Finding] = []
         if model is not None:
@@ -96,7 +98,7 @@ class InputReader:
 def _hash(path: Path) -> str:
     """Return a short hash of a file, or an error code if it cannot be read.
 
-    The part that needs the file reports the error when it is computed.
+    The error is reported later, with the part that needs the file.
     """
     try:
         return file_sha256(path)[:_SHORT_DIGITS]
@@ -105,11 +107,12 @@ def _hash(path: Path) -> str:
 
 
 def find_inputs(job: Job, reader: InputReader) -> dict[PartName, PartInputs]:
-    """Return the current inputs of each part that the protocol requests for the cell of a job."""
+    """Return the current inputs of each part that the protocol requests for a benchmark cell."""
     parts: dict[PartName, PartInputs] = {}
     condition = job.cell.condition
     views = {"cameras": job.views.cameras, "photographs": job.views.photographs}
-    # An exported mesh is not rendered. Such a mesh is audited, and optionally tried, repaired and measured.
+    # An exported mesh is audited and not rendered. The protocol may also request trials, repairs and
+    # measurements of the mesh.
     if condition == "exported_mesh":
         if job.model is not None:
             parts |= _find_mesh_inputs(job)
@@ -118,7 +121,8 @@ def find_inputs(job: Job, reader: InputReader) -> dict[PartName, PartInputs]:
         if job.cell.dataset == "dtu" and job.chamfer is not None:
             parts["chamfer"] = _find_chamfer_inputs(job, job.chamfer, reader)
     else:
-        # All other conditions have images. Conditions that we render also have a walk and a timing.
+        # All other conditions have images. Conditions that our renderers draw also have a walk (a camera
+        # path) and a timing.
         parts["quality"] = {
             **views,
             **_find_image_inputs(job, reader),
@@ -140,7 +144,8 @@ def find_inputs(job: Job, reader: InputReader) -> dict[PartName, PartInputs]:
             }
         if job.cell.bake is not None:
             parts |= _find_mesh_inputs(job)
-    # Files of the user. A training record belongs only to conditions without variant, engine or bake.
+    # Input files provided by the user. Only the method's own conditions have a training record. Variants,
+    # engines and bakes have none.
     if job.training is not None and job.cell.condition_key == condition:
         parts["training"] = {"file": reader.hash_file(job.training)}
     if job.renderer_timing is not None:
@@ -158,7 +163,7 @@ def _hash_walk(at: SceneAt, table: WalkTable) -> str:
 
 
 def _find_mesh_inputs(job: Job) -> dict[PartName, PartInputs]:
-    """Return the inputs of audit and trial."""
+    """Return the inputs of the audit and of the trial."""
     parts: dict[PartName, PartInputs] = {"audit": {"asset": _get_asset_hash(job), "tool": __version__}}
     if job.trial is not None:
         parts["trial"] = _find_trial_inputs(job, job.trial.tasks, job.trial)
@@ -166,7 +171,10 @@ def _find_mesh_inputs(job: Job) -> dict[PartName, PartInputs]:
 
 
 def _find_trial_inputs(job: Job, names: Sequence[str], table: TrialTable) -> PartInputs:
-    """Return the inputs of a trial. Missing libraries are inputs, so installing one repeats the trial."""
+    """Return the inputs of a trial.
+
+    Missing libraries are inputs. Therefore the trial is repeated after a library was installed.
+    """
     from msb.trial.registry import missing_modules, select_tasks
 
     tasks = select_tasks(names)
@@ -197,7 +205,7 @@ def _get_asset_hash(job: Job) -> str:
 
 
 def _find_image_inputs(job: Job, reader: InputReader) -> PartInputs:
-    """Return the inputs of the images of a cell except cameras and background."""
+    """Return the inputs of the images of a cell, without cameras and background."""
     if job.renders is not None:
         try:
             return {"renders": str(reader.find_renders(job.renders, job.scene).folder.sha256)[:_SHORT_DIGITS]}
@@ -226,13 +234,13 @@ def _describe_device(record: Mapping[str, Any] | None) -> str:
 
 
 def find_scan_files(data: Path, scene: str) -> list[Path]:
-    """Return the files of DTU's evaluation data that the Chamfer distance of a scene needs."""
+    """Return the files of the DTU evaluation data for the Chamfer distance of a scene."""
     scan = parse_scan_number(scene)
     return [data / name.format(scan) for name in (_CLOUD, _GRID, _PLANE)]
 
 
 def _find_chamfer_inputs(job: Job, table: ChamferTable, reader: InputReader) -> PartInputs:
-    """Return the inputs of the Chamfer distance; missing files are reported when it is computed."""
+    """Return the inputs of the Chamfer distance. A missing file is reported when the distance is computed."""
     from msb.metrics import identity
 
     scene = job.scene.read()

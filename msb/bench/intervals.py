@@ -18,23 +18,23 @@ from msb.metrics.registry import IMAGE_METRICS
 
 # Significance level of the tests.
 LEVEL = 0.05
-# Maximum ratio of the numbers of views in two scenes; with a larger ratio a difference is not tested. Of
-# differences that are pure noise, the test should call 5 % significant. The test calls 4.2 % significant at a
-# ratio of 3, and only 1 % at a ratio of 100.
+# Differences are tested only if the numbers of views in two scenes differ at most by this factor. A correct
+# test calls 5 % of purely random differences significant. The t test calls 4.2 % significant at a ratio of 3,
+# and only 1 % at a ratio of 100.
 MOST_UNEQUAL = 3
 NO_VIEWS = "no values of single views"
-# Maximum relative difference of values that are equal except for rounding.
+# Values with a smaller relative difference are treated as equal.
 _SAME = 1e-9
 
 
 @dataclass(frozen=True)
 class Interval:
-    """The 95 % interval of an average and its p value; `reason` explains a missing one."""
+    """The 95 % interval of an average, and its p value. `reason` explains a missing interval or p value."""
 
     ends: tuple[float, float] | None
-    # The sample: "9 scenes" or "20 views of one scene".
+    # Description of the sample: "9 scenes" or "20 views of one scene".
     over: str
-    # p value of the test that the average is 0.
+    # The p value of the test that the average is 0.
     p: float | None = None
     reason: str | None = None
 
@@ -47,7 +47,9 @@ class Interval:
 
 
 def view_values(result: Result, metric: str) -> dict[str, float]:
-    """Return the value of an image metric in each view of a record; empty if a view has no value.
+    """Return the value of an image metric in each view of a record.
+
+    If a view has no value, the result is empty.
 
     An infinite PSNR counts as 100 dB, as in averages.
     """
@@ -63,10 +65,11 @@ def view_values(result: Result, metric: str) -> dict[str, float]:
 
 
 def interval(scenes: Sequence[Sequence[float]]) -> Interval:
-    """Return the 95 % interval of an average over scenes; each scene counts as the average over its views.
+    """Return the 95 % confidence interval of an average over scenes.
 
-    `scenes` holds a value for each view of each scene, or the difference of two conditions in each view. With
-    a single scene, the interval is over its views.
+    `scenes` contains, for each scene, the values of all views. A value can be a metric of one condition, or
+    the difference between two conditions. A scene's value is the average over its views. If there is only one
+    scene, the interval is over its views.
     """
     counts = [len(values) for values in scenes]
     if not counts or not all(counts):
@@ -95,5 +98,5 @@ def interval(scenes: Sequence[Sequence[float]]) -> Interval:
 
 
 def excludes_zero(difference: Interval | None) -> bool | None:
-    """Return whether a difference is significant at 95 %; None without a test."""
+    """Return whether a difference is significant at 95 %. The result is None if no test exists."""
     return None if difference is None or difference.p is None else difference.p < LEVEL

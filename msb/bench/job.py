@@ -1,4 +1,7 @@
-"""Jobs for worker processes: one cell, the parts to compute, and everything they need, as plain data."""
+"""Jobs for worker processes.
+
+A job is one benchmark cell, the parts to compute, and all their inputs, as plain data.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,33 +19,33 @@ from msb.scenes.datasets import SceneAt
 PartName = Literal[
     "quality", "audit", "trial", "repairs", "timing", "walk", "chamfer", "training", "renderer_timing"
 ]
-# A cell fails if one of these parts fails. If any other part fails, the record states the reason.
+# A cell fails if one of the required parts fails. If another part fails, the record states the reason.
 MAIN: tuple[PartName, ...] = ("quality", "audit")
-# Name of an input of a part -> hash or version.
+# The hash or version of each input of a part, by the name of the input.
 PartInputs = dict[str, str]
 
 
 @dataclass(frozen=True)
 class Job:
-    """One cell, and the parts of it that a worker computes."""
+    """One benchmark cell, with the parts to compute."""
 
     root: Path
     run: str
     cell: Cell
     scene: SceneAt
-    # The state of the scene when the run was planned.
+    # The state of the scene at the time of planning.
     views: ViewState
-    # The inputs to record for each part to compute. Other parts of the record are kept while they are valid.
+    # The inputs to record for each part to compute. All other valid parts of the record are kept.
     parts: Mapping[PartName, PartInputs]
-    # The current inputs of every part that the protocol requests for the cell.
+    # The current inputs of every part that the protocol requests for the benchmark cell.
     requested: Mapping[PartName, PartInputs] = field(default_factory=dict)
-    # None if the protocol has only official renderings of the method.
+    # The model of the cell; None if the protocol has only official renderings of the method.
     model: ModelAsset | None = None
     # Values that replace settings of the asset.
     settings: Mapping[str, Any] = field(default_factory=dict)
-    # Order and sampling of a variant.
+    # The order and sampling options of a variant.
     options: Mapping[str, str] = field(default_factory=dict)
-    # The folder of official renderings. None means our reference renderer.
+    # The folder of official renderings. If the value is None, our reference renderer is used.
     renders: Path | None = None
     training: Path | None = None
     mesh: Path | None = None
@@ -50,16 +53,16 @@ class Job:
     device: str | None = None
     vgg_weights: Path | None = None
     timing: TimingTable = field(default_factory=TimingTable)
-    # The table of the protocol, with an absolute path of the evaluation data.
+    # The protocol's table [chamfer], with an absolute path of the evaluation data.
     chamfer: ChamferTable | None = None
     trial: TrialTable | None = None
     walk: WalkTable | None = None
-    # Sentences about differences between training and evaluation (`compare_training`).
+    # Sentences about differences between training and evaluation, from `compare_training`.
     trained: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
-        """The name in progress lines."""
+        """The name of the job in progress lines."""
         return " ".join(self.cell.names)
 
     @property

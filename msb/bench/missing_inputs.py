@@ -1,4 +1,4 @@
-"""The missing inputs of a dry run: each input once, with the number of cells that need it."""
+"""List the missing inputs of a dry run, and count the benchmark cells that need each input."""
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -24,7 +24,7 @@ from msb.metrics.registry import modules_needed
 from msb.render.backend import why_unavailable
 from msb.scenes.datasets import SceneAt
 
-# The use of inputs that every run needs; these inputs are listed first.
+# The use of inputs that all cells need.
 _ANY = "needed for all cells"
 
 
@@ -33,17 +33,17 @@ class Missing:
     """An input that is missing or invalid."""
 
     code: str
-    # The file, its fault, its use, and the number of cells that need it.
+    # Path of the file, its fault, its use, and the number of cells that need it.
     message: str
     # The number of cells that need the input; 0 if it is unknown.
     cells: int
-    # Whether the cells cannot be computed without the input. If false, only a part of their records will be
-    # missing.
+    # Whether the cells cannot be computed without the input. If the value is false, only a part of each
+    # record will be missing.
     blocks: bool
 
 
 class _Need(NamedTuple):
-    """A missing input of one cell."""
+    """An input that is missing for one cell."""
 
     code: str
     error: str
@@ -56,14 +56,14 @@ class _Need(NamedTuple):
 def find_missing(
     planner: Planner, cells: Sequence[Planned], errors: Sequence[MsbError] = ()
 ) -> tuple[list[Planned], list[Missing]]:
-    """Return the plan and all missing inputs; cells without a necessary input are marked as failed.
+    """Return the plan and all missing inputs. A cell without a necessary input is marked as failed.
 
-    All inputs of a cell are checked, so one missing input does not hide another. Scenes are read without
-    photographs, and models are located without reading them. `errors` are faults that affect
-    every cell.
+    All inputs of a cell are checked, so that one missing input does not hide another input. Scenes are read
+    without photographs, and models are located without reading them. `errors` are faults that affect every
+    cell.
     """
     search = _Search(planner, errors)
-    # The number of cells that lack an input, by input and then by scene.
+    # For each missing input, count the cells of each scene that need the input.
     scenes: dict[_Need, Counter[str]] = defaultdict(Counter)
     checked: list[Planned] = []
     for planned in cells:
@@ -81,9 +81,11 @@ def find_missing(
 
 
 def find_unknown_cells(folder_errors: Mapping[str, MsbError], pairs: Sequence[Pair]) -> list[Missing]:
-    """Return the missing inputs that determine which cells exist: folders of scenes, and models.
+    """Return the missing folders of scenes and missing models.
 
-    `folder_errors` holds the error about the folder of scenes of a dataset, by the name of the dataset.
+    Without these inputs, the number of cells is unknown.
+
+    `folder_errors` holds the error of each dataset whose folder of scenes cannot be read.
     """
     errors = [(error, f"the scenes of {name}") for name, error in folder_errors.items()]
     for pair in pairs:
@@ -99,7 +101,7 @@ def find_unknown_cells(folder_errors: Mapping[str, MsbError], pairs: Sequence[Pa
 
 
 def find_start_errors(file: ProtocolFile, note: Callable[[str], None]) -> Iterator[MsbError]:
-    """Yield the errors that prevent a run from starting: missing extras, and missing or invalid weights.
+    """Yield the errors that prevent a run: missing extras, and missing or invalid LPIPS weights.
 
     `note` is called with each warning about the weights.
     """
@@ -115,9 +117,7 @@ def find_start_errors(file: ProtocolFile, note: Callable[[str], None]) -> Iterat
     ]
     if file.protocol.videos is not None:
         checks.append(lambda: need_extra("video", "av", what="[videos]"))
-    if (
-        place is not None
-    ):  # without the extra, `load` stops before it opens the file, so the file is checked separately
+    if place is not None:  # without the extra, `load` does not read the weight file, so check the file here
         checks += [load, lambda: regular_file(place)]
     yield from filter(None, map(_catch_error, checks))
 
@@ -132,7 +132,7 @@ def _catch_error(check: Callable[..., object], *arguments: object) -> MsbError |
 
 
 class _Search:
-    """Checks the inputs of cells, each file once."""
+    """Checks the inputs of cells. Each input file is checked once."""
 
     def __init__(self, planner: Planner, errors: Sequence[MsbError]) -> None:
         self.planner, self.file, self.errors = planner, planner.file, errors
@@ -145,14 +145,17 @@ class _Search:
             for error, use, blocks in self.check_inputs(planned)
             if error is not None
         ]
-        # If no necessary input is missing, the planner failed for another reason, which is reported instead.
+        # If all necessary inputs exist, report the error of the planner.
         if planned.reason is not None and not any(need.blocks for need in needs):
             reason = planned.reason
             needs.append(_Need(reason.code, reason.message, planned.cell.model_name, True))
         return needs
 
     def check_inputs(self, planned: Planned) -> Iterator[tuple[MsbError | None, str, bool]]:
-        """For each input, yield the error or None, the use, and whether the cell needs the input."""
+        """Check each input of a cell.
+
+        Yield the error or None, the use of the input, and whether the cell needs the input.
+        """
         cell, chamfer = planned.cell, self.file.protocol.chamfer
         pair = self.planner.pairs[cell.names]
         method, model = pair.method, cell.model_name
@@ -162,7 +165,7 @@ class _Search:
         def check_template(template: str | None) -> MsbError | None:
             return None if template is None else _catch_error(_check_template, self.file, template, names)
 
-        # A cell needs its scene, and a model or official renderings.
+        # A cell needs its scene, and either a model or official renderings.
         scene_error = _catch_error(_check_exists, pair.path, self.file.resolve(pair.dataset.path))
         scene_error = scene_error or self.catch_error(self.planner.reader.read_scene, at)
         yield scene_error, f"photographs and cameras of {cell.dataset}", True
@@ -184,7 +187,7 @@ class _Search:
             table = next(table for table in self.file.protocol.bakes if table.label == cell.bake)
             options = BakeOptions(**table.options)
             yield self.catch_error(need_libraries, options), f"bakes {cell.bake}", True
-        # Optional files: without them, only a part of the record will be missing.
+        # If an optional file is missing, only a part of the record is missing.
         if cell.condition == "non_engine":
             yield check_template(method.non_engine_timing), f"timing of the renderer of {model}", False
         if cell.condition_key == cell.condition:
@@ -204,7 +207,10 @@ class _Search:
 
 
 def _describe(need: _Need, scenes: Mapping[str, int]) -> Missing:
-    """Return a missing input with its message; `scenes` holds the number of cells that need it, by scene."""
+    """Return a missing input with its message.
+
+    `scenes` counts the cells of each scene that need the input.
+    """
     cells = sum(scenes.values())
     where = next(iter(scenes)) if len(scenes) == 1 else f"{len(scenes)} scenes"
     count = "1 cell" if cells == 1 else f"{cells} cells"
@@ -219,8 +225,8 @@ def _get_text(error: MsbError) -> str:
 def _check_template(file: ProtocolFile, template: str, names: Mapping[str, str]) -> None:
     """Raise FILE_NOT_FOUND if the path of a template does not exist.
 
-    The error names the outermost missing folder, so that all scenes below it give the same error. The search
-    starts at the folder that contains the first placeholder {dataset} or {scene}.
+    The error names the outermost missing folder. Therefore all scenes below this folder have the same error.
+    The search starts at the folder that contains the first placeholder {dataset} or {scene}.
     """
     places = (match for match in PLACE.finditer(template) if match[1] in ("dataset", "scene"))
     place = next(places, None)
@@ -229,7 +235,7 @@ def _check_template(file: ProtocolFile, template: str, names: Mapping[str, str])
 
 
 def _check_exists(path: Path, above: Path) -> None:
-    """Raise FILE_NOT_FOUND if `path` does not exist; the error names its outermost missing folder."""
+    """Raise FILE_NOT_FOUND if `path` does not exist. The error names the outermost missing folder."""
     if not path.exists():
         below = [place for place in path.parents if place.is_relative_to(above)]
         first = next((place for place in reversed(below) if not place.exists()), path)

@@ -1,4 +1,4 @@
-"""The models of a run as assets, exported and hashed once, and exported again if a file changes."""
+"""The models of a run, exported as assets. If a file changes, the model is exported again."""
 
 import json
 import zipfile
@@ -25,26 +25,26 @@ _MAX_BYTES = 1 << 20
 
 
 class ModelAsset(Record):
-    """An asset of a run, and the model that it was exported from."""
+    """An asset of a run, and the model from which it was exported."""
 
     method: str
-    # The file of the checkpoint. If the checkpoint has several files, the hash is that of the list of their
-    # hashes.
+    # The main file of the checkpoint. For a checkpoint of several files, the hash covers the list of the
+    # files' hashes.
     checkpoint: File | None
-    # The asset, with the sum of the sizes of its files in `bytes`.
+    # The exported asset; `bytes` is the total size of its files.
     asset: File
     # Background colour of the official evaluation, if the checkpoint records it.
     background: tuple[float, float, float] | None
-    # The key `training` of the manifest.
+    # The section `training` of the manifest.
     training: dict[str, Any]
-    # Path, size and time of all files of checkpoint and asset. While these values are unchanged, the hashes
-    # are valid.
+    # Path, size and modification time of all files of the checkpoint and the asset. The hashes are valid
+    # while path, size and time are unchanged.
     stamps: tuple[tuple[str, int, int], ...]
-    # Path and method in the protocol.
+    # Path and method of the model in the protocol.
     key: str
-    # Assumptions of the export.
+    # Warnings about assumptions made during the export.
     warnings: tuple[str, ...] = ()
-    # For a bake, the asset that was baked; the result of the bake is `asset`.
+    # For a bake, this is the asset before the bake, and `asset` is the baked mesh.
     source: File | None = None
     bake: BakeDocument | None = None
 
@@ -67,26 +67,26 @@ class ModelTask:
 
     @property
     def name(self) -> str:
-        """The name in progress lines."""
+        """The name of the task in progress lines."""
         return f"{self.dataset} {self.scene} {self.label or self.method}"
 
 
 def find_known_model(results: Results, task: ModelTask) -> ModelAsset | None:
-    """Return the recorded description of a model, or None if it is missing or a file has changed."""
+    """Return the recorded description of a model, or None if it is missing or if a file has changed."""
     try:
         path = _record(results, task)
         model = validate(ModelAsset, read_json(path, _MAX_BYTES), file=path, code="RECORD_INVALID")
-        # The checkpoint is located again, because the training may have written a later iteration.
+        # Search the checkpoint again, because the training may have written a later iteration.
         current = model.key == _make_key(task) and all(
             stamp(Path(path)) == (path, *rest) for path, *rest in model.stamps
         )
         return model if current and _find_source_file(task) in {path for path, *_ in model.stamps} else None
-    except (MsbError, OSError, ValueError):  # ValueError: a path contains a NUL character
+    except (MsbError, OSError, ValueError):  # ValueError: the path contains a NUL character
         return None
 
 
 def prepare_model(task: ModelTask) -> ModelAsset:
-    """Return the model of a task; if it is not known yet, export its checkpoint to the results folder."""
+    """Return the model of a task. If necessary, export its checkpoint to the results folder."""
     results = Results(task.root)
     check_run(task.root, task.run)
     known = find_known_model(results, task)
@@ -134,14 +134,14 @@ def _make_key(task: ModelTask) -> str:
 
 
 def _find_source_file(task: ModelTask) -> str:
-    """Return the path of the file that identifies the model."""
+    """Return the path of the main file of a model."""
     if is_asset(task.source):
         return str(_list_files(task.source)[0])
     return str(locate(task.source).file)
 
 
 def _list_files(asset: Path) -> list[Path]:
-    """Return the files of an asset, which is a single file or a folder."""
+    """Return the files of an asset. An asset is a single file or a folder."""
     if not asset.is_dir():
         return [asset]
     return [asset / MANIFEST_NAME, *sorted((asset / "buffers").glob("*"))]
@@ -156,7 +156,7 @@ def measure_size(asset: Path) -> int:
 
 
 def _describe_checkpoint(asset: Asset, source: Path) -> File | None:
-    """Return the files of the checkpoint as the manifest of the asset records them."""
+    """Return the checkpoint files that the manifest of the asset records."""
     files = asset.manifest.source.files
     if not files:
         return None

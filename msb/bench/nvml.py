@@ -10,7 +10,7 @@ from msb.bench.validation import Count, Record
 
 
 class Gpu(Record):
-    """One GPU of the machine and the command's peak memory on it, which is None if unknown."""
+    """A GPU of this machine, and the peak memory of the command on this GPU."""
 
     index: Count
     name: str
@@ -20,25 +20,28 @@ class Gpu(Record):
 
 
 class Gpus:
-    """The NVIDIA GPUs of this machine, or the reason why they cannot be measured: no library, driver or GPU.
+    """The NVIDIA GPUs of this machine.
 
-    Two numbers are measured: the memory that NVML lists for given processes, and the growth of the memory of
-    the whole device. The growth is used if NVML cannot list processes.
+    If no GPU can be measured, a reason is given: no library, driver or GPU.
+
+    Two numbers are measured: the memory listed by NVML for given processes, and the growth of the whole
+    device's memory. If NVML cannot list processes, the growth of device memory is used.
     """
 
     def __init__(self) -> None:
-        # Why no GPU can be measured; None if at least one GPU can be measured.
+        # The reason that no GPU can be measured; None if at least one GPU can be measured.
         self._reason: str | None = None
         self._handles: list[Any] = []
-        # By index of the GPU: peak bytes of the processes, and peak growth of the memory in use, in bytes.
+        # For each GPU index, the peak memory of the processes and the peak growth of the device memory, in
+        # bytes.
         self._process_peaks: dict[int, int] = {}
         self._device_peaks: dict[int, int] = {}
-        # Peaks of the sums over all GPUs.
+        # Peak memory, summed over all GPUs.
         self._process_peak = self._device_peak = 0
-        # Whether NVML has listed a process under its process number on this system. In a container NVML may
-        # use other numbers.
+        # Whether NVML lists processes by the process numbers of this system. In a container, NVML may use
+        # other process numbers.
         self._lists_processes = False
-        # The latest error of NVML.
+        # The latest error reported by NVML.
         self._error: str | None = None
         self._nvml: Any = None
         try:
@@ -51,7 +54,7 @@ class Gpus:
             self._before = [pynvml.nvmlDeviceGetMemoryInfo(handle).used for handle in self._handles]
         except ImportError:
             self._reason = f"the extra gpu is not installed: {install('gpu')}"
-        except Exception as error:  # the error class of NVML exists only after it was loaded
+        except Exception as error:  # the error class of NVML exists only after NVML is loaded
             self._reason = f"NVML: {error}"
         if not self._handles and self._reason is None:
             self._reason = "this machine has no NVIDIA GPU"
@@ -60,7 +63,7 @@ class Gpus:
         """Update the peaks with the current memory of the processes `pids` and of the devices."""
         process_sum = device_sum = 0
         for index, handle in enumerate(self._handles):
-            # NVML may deny the list of processes and still report the memory of the device.
+            # NVML may reject a query of processes but still report the memory of the device.
             with self._record_errors():
                 size = self._measure_processes(handle, pids)
                 self._process_peaks[index] = max(self._process_peaks.get(index, 0), size)
@@ -80,10 +83,13 @@ class Gpus:
             self._error = f"NVML: {error}"
 
     def result(self) -> tuple[int | None, Literal["processes", "device"] | None, str | None]:
-        """Return the peak over all GPUs in bytes, its source, and the reason if it is unknown."""
+        """Return the peak memory of all GPUs in bytes and its source.
+
+        If the peak is unknown, return the reason.
+        """
         if self._reason is not None:
             return None, None, self._reason
-        # A sum over only some of the GPUs would be too small.
+        # If a GPU cannot be measured, the sum over all GPUs is unknown.
         has_processes = len(self._process_peaks) == len(self._handles)
         has_devices = len(self._device_peaks) == len(self._handles)
         if has_processes and (self._lists_processes or (has_devices and not self._device_peak)):
@@ -91,7 +97,7 @@ class Gpus:
         return (self._device_peak, "device", None) if has_devices else (None, None, self._error)
 
     def devices(self) -> tuple[Gpu, ...]:
-        """Return the GPUs with their peaks."""
+        """Return the peak memory of each GPU."""
         gpus = []
         peaks = self._process_peaks if self.result()[1] == "processes" else self._device_peaks
         for index, handle in enumerate(self._handles):
@@ -108,18 +114,21 @@ class Gpus:
         return tuple(gpus)
 
     def measure_process(self, pid: int) -> tuple[int | None, str | None]:
-        """Return the current bytes of the process `pid` on all GPUs, or the reason if they are unknown."""
+        """Return the current bytes of the process `pid` on all GPUs.
+
+        If the bytes are unknown, return the reason.
+        """
         sizes: list[int] = []
         for handle in self._handles if self._reason is None else ():
             with contextlib.suppress(self._nvml.NVMLError):
                 listed = self._list_processes(handle)
                 sizes += [listed[pid]] if pid in listed else []
-        # The memory of the whole device is not used here, because it includes other processes.
+        # Do not use the memory of the whole device, because other processes use memory too.
         unlisted = "NVML lists no memory of this process: it uses no NVIDIA GPU, or it runs in a container"
         return (sum(sizes), None) if sizes else (None, self._reason or unlisted)
 
     def _list_processes(self, handle: Any) -> dict[int, int]:
-        """Return the bytes of each process on a GPU by process number; unknown values are omitted."""
+        """Return the bytes of each process on a GPU, by process number. Unknown values are omitted."""
         sizes: dict[int, int] = {}
         for processes in (
             self._nvml.nvmlDeviceGetComputeRunningProcesses(handle),
@@ -135,16 +144,16 @@ class Gpus:
         import psutil
 
         sizes = self._list_processes(handle)
-        # In a container NVML lists no processes, or lists them with the numbers of the host.
+        # In a container, NVML lists no processes, or lists them with the process numbers of the host.
         known = any(pid in pids or psutil.pid_exists(pid) for pid in sizes)
         self._lists_processes = self._lists_processes or known
         return sum(size for pid, size in sizes.items() if pid in pids)
 
 
 def read_driver_memory(device: Mapping[str, Any]) -> tuple[int | None, str | None]:
-    """Return the bytes of this process on NVIDIA GPUs, or the reason if they are unknown.
+    """Return the bytes of this process on NVIDIA GPUs. If the bytes are unknown, return the reason.
 
-    `device` is the key "device" in the record of a machine.
+    Pass the key "device" of the record of a machine.
     """
     if device.get("kind") != "gpu":
         return None, "the rendering device is not a GPU"

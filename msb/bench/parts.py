@@ -1,4 +1,4 @@
-"""The parts of a cell besides images and walk: timing, audit, trials, repairs, Chamfer distance, training."""
+"""Measure the parts of a benchmark cell: timing, audit, trials, repairs, Chamfer distance and training."""
 
 import re
 from collections.abc import Mapping
@@ -27,7 +27,10 @@ from msb.scenes.datasets import Scene
 
 
 def measure_timing(job: Job) -> dict[str, Any]:
-    """Return timing, memory, floor and device of a cell; no file is written during the timing."""
+    """Return timing, memory, floor (fixed cost) and device of a cell.
+
+    No file is written during the timing.
+    """
     from msb.bench.floor import measure_floor
     from msb.bench.profile import profile
     from msb.render.backend import find_renderer
@@ -52,8 +55,8 @@ def group_memory(
 ) -> Memory:
     """Return the memory record of a renderer.
 
-    `uses` holds the bytes of each buffer by name, and `groups` its group. A buffer without a group counts as
-    scratch. `driver` is the result of `read_driver_memory`.
+    `uses` contains the bytes of each buffer by name, and `groups` the group of each buffer. Buffers without a
+    group are added to the group "scratch". `driver` is the result of `read_driver_memory`.
     """
     sums = dict.fromkeys(get_args(Group), 0)
     for use, size in uses.items():
@@ -71,7 +74,7 @@ def measure_audit(job: Job) -> dict[str, Any]:
 
 
 def _prepare_trial(job: Job) -> tuple[Asset, tuple[Camera, ...], TrialTable, Limits]:
-    """Return a cell's asset and test cameras, the protocol's table of trials, and each library's limits."""
+    """Return the asset and the test cameras of a cell, the trial table, and the limits of libraries."""
     assert job.model is not None
     assert job.trial is not None
     limits = Limits(job.trial.seconds, job.trial.memory)
@@ -100,7 +103,7 @@ def measure_trial(job: Job) -> dict[str, Any]:
 
 
 def list_compared_tasks(table: TrialTable) -> tuple[str, ...]:
-    """Return the names of the tasks that are run on the unrepaired mesh and after each repair."""
+    """Return the names of the tasks that run on the unrepaired mesh and on each repaired mesh."""
     from msb.trial.registry import select_tasks
     from msb.trial.repairs import TASKS
 
@@ -110,7 +113,7 @@ def list_compared_tasks(table: TrialTable) -> tuple[str, ...]:
 def measure_repairs(job: Job) -> dict[str, Any]:
     """Return the comparison of repair strategies on the mesh of a cell.
 
-    An image of each result, from a test camera, is written to the folder of the cell.
+    An image of each repair, from a test camera, is written to the folder of the cell.
     """
     from msb.repair.plan import Options
     from msb.trial.repairs import compare, document
@@ -135,7 +138,7 @@ def measure_chamfer(job: Job) -> dict[str, Any]:
     scene = read_planned_scene(job.scene, job.views)
     vertices, faces, source = _read_mesh(job)
     world, scale = read_matrices(scene.root / "cameras.npz")
-    # Masks are separate image files, or the alpha channel of the photographs.
+    # Masks are separate image files, or alpha channels of the photographs.
     separate = scene.mask_source == "mask_folder"
     masks = (
         read_mask(file) if separate else read_pixels(file, ("RGBA",))[..., 3]
@@ -148,7 +151,7 @@ def measure_chamfer(job: Job) -> dict[str, Any]:
 
 
 def _read_mesh(job: Job) -> tuple[NDArray[Any], NDArray[Any], str]:
-    """Return vertices (V, 3) and faces (F, 3) to measure, and the path of their file."""
+    """Return the vertices (V, 3) and faces (F, 3) to measure, and the path of the mesh file."""
     from msb.meshes import read_mesh
 
     if job.mesh is not None:
@@ -160,7 +163,7 @@ def _read_mesh(job: Job) -> tuple[NDArray[Any], NDArray[Any], str]:
 
 
 def parse_scan_number(scene: str) -> int:
-    """Return the number in the name of a DTU scene."""
+    """Return the scan number in the name of a DTU scene."""
     match = re.fullmatch(r"scan(\d{1,3})", scene)
     if match is None:
         text = f'"{scene}" is not a scene of DTU, whose scenes are called scan1 to scan999'
@@ -181,7 +184,7 @@ def find_mask_files(scene: Scene) -> list[Path]:
 
 
 def read_native_timing(job: Job) -> dict[str, Any]:
-    """Return the user's timing of the method's own renderer."""
+    """Return the user's timing of the method's official renderer."""
     assert job.renderer_timing is not None
     return {"renderer_timing": read_renderer_timing(job.renderer_timing)}
 

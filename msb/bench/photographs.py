@@ -1,4 +1,4 @@
-"""The state of a scene's test views, and its ground truth: the photographs prepared for comparison.
+"""The state of a scene's test views, and the ground truth: photographs prepared for comparison.
 
 The ground truth is written once per scene, resized, masked and rounded to bytes, with a list of hashes. Every
 run verifies the ground truth against this list, because a damaged image would falsify all later results.
@@ -22,32 +22,31 @@ from msb.render.images import image_names, write_image
 from msb.scenes import Camera
 from msb.scenes.datasets import Scene, SceneAt
 
-# A file in every folder of ground truth. The file holds the hash of the sources and the SHA-256 of each
-# image.
+# Name of the hash list in every folder of ground truth. The file contains the hash of the sources, and the
+# SHA-256 of each image.
 HASHES = "hashes.json"
 SCHEMA = "msb.ground_truth/1"
-# Maximum size of the file of hashes in bytes.
+# Maximum size of the hash list in bytes.
 _MAX_BYTES = 64 << 20
 
 
 @dataclass(frozen=True)
 class ViewState:
-    """The state of a scene's test views: hashes of everything that affects a comparison."""
+    """The state of a scene's test views: hashes of all data that affects a comparison."""
 
-    # Hash of names, sizes, intrinsics and poses.
+    # Hash of the names, sizes, intrinsics and poses of the cameras.
     cameras: str
-    # Hash of photographs, sizes, masks and background. The folder of the ground truth has this hash as its
-    # name.
+    # Hash of photographs, sizes, masks and background. The ground truth folder is named after this hash.
     photographs: str
     setup: Setup
-    # Names of photographs, renderings and ground truth, without suffix.
+    # Common names of photographs, renderings and ground truth, without suffix.
     names: tuple[str, ...]
 
 
 def describe_views(scene: Scene) -> ViewState:
-    """Return the state of a scene's test views; every test photograph is read once."""
+    """Return the state of a scene's test views. Every test photograph is read once."""
     files = [(str(camera.name), _hash_sources(scene, camera)) for camera in scene.test]
-    # Everything else that affects the ground truth.
+    # Add the scene's settings that affect the ground truth.
     rules: list[object] = [
         list(scene.background),
         scene.compositing,
@@ -56,7 +55,8 @@ def describe_views(scene: Scene) -> ViewState:
         scene.quantized,
         [(camera.width, camera.height) for camera in scene.test],
     ]
-    # Hash the turned and undistorted photographs. Without any, hashes stay as in earlier versions.
+    # Add the rotated and undistorted photographs to the hash. If no photograph is rotated or undistorted,
+    # keep the hash of earlier versions.
     if readings := [
         _describe_reading(scene, camera) for camera in scene.test if camera.name in scene.readings
     ]:
@@ -76,7 +76,7 @@ def describe_views(scene: Scene) -> ViewState:
 
 
 def _describe_reading(scene: Scene, camera: Camera) -> list[object]:
-    """Return how the photograph of a view is turned and undistorted, as JSON data."""
+    """Return the orientation and the undistortion of a photograph as JSON data."""
     reading = scene.readings[str(camera.name)]
     lens, about = reading.lens, list[object]((camera.name, reading.orientation))
     if lens is None or lens.distortion is None:
@@ -107,7 +107,7 @@ class PhotographTask:
 
     @property
     def name(self) -> str:
-        """The name in progress lines."""
+        """The name of the task in progress lines."""
         return f"{self.scene.dataset} {self.scene.name}"
 
     @property
@@ -117,7 +117,7 @@ class PhotographTask:
 
 
 def write_photographs(task: PhotographTask) -> str | None:
-    """Write the ground truth of a scene unless it exists and is valid.
+    """Write the ground truth of a scene. If valid ground truth exists, keep it.
 
     Invalid ground truth is written again, and the reason is returned as text.
     """
@@ -141,7 +141,7 @@ def _make_document(views: ViewState, files: Mapping[str, str]) -> dict[str, obje
 
 
 def _find_fault(folder: Path, views: ViewState) -> str | None:
-    """Return the first difference between the ground truth and its list of hashes, or None."""
+    """Compare the ground truth with its list of hashes. Return the first difference, or None."""
     try:
         about = read_json(folder / HASHES, _MAX_BYTES)
         present = _hash_files_below(folder)
@@ -151,7 +151,7 @@ def _find_fault(folder: Path, views: ViewState) -> str | None:
     names = {f"{name}.png" for name in views.names}
     if not isinstance(files, dict) or about != _make_document(views, files) or set(files) != names:
         return f"{HASHES} belongs to other photographs"
-    # Hidden files of file managers are ignored.
+    # Ignore hidden files of file managers.
     others = {name for name in present if not Path(name).name.startswith(".")}
     for name in sorted(names | others):
         if present.get(name) != files.get(name):
@@ -163,9 +163,9 @@ def _find_fault(folder: Path, views: ViewState) -> str | None:
 
 
 def _hash_files_below(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 of each file below a folder, by name; the list of hashes itself is left out.
+    """Return the SHA-256 of each file below a folder, by name. The hash list itself is left out.
 
-    A folder in the place of a file has the hash "".
+    A folder in place of a file has the hash "".
     """
     files = (Path(root, name) for root, _, names in os.walk(folder) for name in names)
     return {
@@ -176,7 +176,7 @@ def _hash_files_below(folder: Path) -> dict[str, str]:
 
 
 def read_planned_scene(at: SceneAt, views: ViewState) -> Scene:
-    """Return a scene; if its cameras differ from the planned ones, raise RUN_SCHEDULER."""
+    """Return a scene. Raise RUN_SCHEDULER if the cameras have changed since the run was planned."""
     scene = at.read()
     if digest([describe_camera(camera) for camera in scene.test]) != views.cameras:
         text = (

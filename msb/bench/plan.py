@@ -1,4 +1,4 @@
-"""The plan of a run: the cells of the protocol, the parts that must be computed, and the reasons."""
+"""The plan of a run: the cells of the protocol, the parts to compute, and the reasons for computing them."""
 
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -34,7 +34,7 @@ from msb.scenes.datasets import SceneAt, find_scenes, scene_at
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """One method on one scene of the protocol."""
+    """A method on a scene of the protocol."""
 
     dataset: DatasetTable
     method: MethodTable
@@ -53,35 +53,37 @@ class Pair:
 
 @dataclass(frozen=True)
 class Planned:
-    """One cell and the work that it needs."""
+    """One benchmark cell and its pending work."""
 
     cell: Cell
     # The job of the cell, or None if it cannot be computed.
     job: Job | None
-    # The reason for each part to compute, or for "bake". A reason is "new", "failed before", "requested", the
-    # inputs that changed, or the fault of a record or rendering.
+    # The reason for computing each part, or for making the bake (key "bake"). A reason is "new", "failed
+    # before", "requested", a list of changed inputs, or a fault of a record or image.
     why: Mapping[str, str] = field(default_factory=dict)
-    # "done": all parts are recorded and valid. "failed" and "unsupported" have a `reason`.
+    # State "done" means that all parts are recorded and valid. Cells with the state "failed" or "unsupported"
+    # have a `reason`.
     status: Literal["done", "pending", "failed", "unsupported"] = "pending"
     reason: Reason | None = None
-    # A bake that must be finished before the parts of the cell are known.
+    # The bake must finish before the parts of the cell can be planned.
     bake: BakeTask | None = None
 
 
 def find_pairs(
     file: ProtocolFile, only: Sequence[str] = (), folder_errors: dict[str, MsbError] | None = None
 ) -> list[Pair]:
-    """Return the pairs of method and scene that have at least one cell selected by `only` (`is_selected`).
+    """Return the pairs of method and scene that contain a cell selected by `only` (`is_selected`).
 
-    If the protocol lists no scenes of a dataset and its folder cannot be read, an error is raised. With
-    `folder_errors`, the error is stored there under the name of the dataset, and the dataset is skipped.
+    If the protocol lists no scenes of a dataset, the folder of the dataset is searched. An unreadable folder
+    is an error. If `folder_errors` is given, it receives the error of each unreadable dataset, and the
+    dataset is skipped.
     """
     check_names(file.path.absolute(), file.results)
     variants, bakes = file.protocol.variants, file.protocol.bakes
     labels = [*(table.label for table in variants), *(table.label for table in bakes)]
     conditions = (*CONDITIONS, *file.protocol.engines, *labels)
     pairs: list[Pair] = []
-    # All names that `only` may select, for the error message.
+    # Collect all names that `only` can select, for the error message.
     selectable: dict[str, None] = {}
     for dataset in file.protocol.datasets:
         root = file.resolve(dataset.path)
@@ -115,7 +117,7 @@ def _make_selection_error(only: Sequence[str], names: Sequence[str]) -> UsageErr
 
 
 class Planner:
-    """Plans the cells that `only` selects; with `redo`, finished parts are computed again."""
+    """Plans the cells that `only` selects. If `redo` is true, finished parts are computed again."""
 
     def __init__(
         self,
@@ -133,8 +135,8 @@ class Planner:
     def plan(self, pairs: Sequence[Pair], models: Mapping[Pair, ModelAsset | Exception]) -> list[Planned]:
         """Return all selected cells in the order of the protocol.
 
-        `models` holds the model of each pair, or the error about it. In a dry run, models that were not
-        exported yet are missing.
+        For each pair of method and scene, `models` contains the model or the error about the model. In a dry
+        run, models that have not been exported count as missing.
         """
         cells = []
         for pair in pairs:
@@ -156,7 +158,7 @@ class Planner:
         return cells
 
     def _plan_pair(self, pair: Pair, model: ModelAsset | Exception | None) -> Iterator[Planned]:
-        """Yield the cells of a pair, one for each condition, engine, variant and bake."""
+        """Yield the cells of a method and a scene, one for each condition, engine, variant and bake."""
         name = model.method if isinstance(model, ModelAsset) else pair.method.name
         if name == AUTO and model is None and pair.model is not None:
             with contextlib.suppress(MsbError):
@@ -168,7 +170,7 @@ class Planner:
             if condition == "non_engine" and pair.method.non_engine is None:
                 continue
             if pair.model is None and condition != "non_engine" and lookup(name).supports("standard"):
-                continue  # the protocol has only official renderings of this method
+                continue  # the protocol contains only official renderings of this method
             cell = Cell(
                 dataset=pair.dataset.name,
                 scene=pair.scene,
@@ -191,7 +193,7 @@ class Planner:
     def _plan_bake(
         self, pair: Pair, model: ModelAsset | Exception | None, table: BakeTable, cell: Cell
     ) -> Planned:
-        """Return the plan of a cell with a bake, and the task that makes the bake if there is none yet."""
+        """Return the plan of a baked cell. If the bake is missing, the plan contains its task."""
         if not isinstance(model, ModelAsset) or not is_selected(cell, self.only):
             return self._plan_cell(pair, model, cell)
         settings = get_overrides(pair.method)
@@ -224,8 +226,11 @@ class Planner:
         return self._plan_cell(self.pairs[cell.names], bake, cell)
 
     def _plan_cell(self, pair: Pair, model: ModelAsset | Exception | None, cell: Cell) -> Planned:
-        """Return the plan of a cell: unsupported, failed, done, or with a job for the parts to compute."""
-        # `plan` will drop this cell, so reading its files would be wasted time
+        """Return the plan of a cell.
+
+        The state is unsupported, failed or done, or the plan has a job for the missing parts.
+        """
+        # do not read the files of a cell that is not selected
         if not is_selected(cell, self.only):
             return Planned(cell, None)
         why = self._find_unsupported(pair, model, cell)
@@ -234,7 +239,7 @@ class Planner:
         is_official = cell.condition == "non_engine" and pair.method.non_engine != REFERENCE
         if isinstance(model, Exception) and not is_official:
             return Planned(cell, None, status="failed", reason=make_reason(model))
-        if model is None and not is_official:  # a dry run exports no model
+        if model is None and not is_official:  # a dry run does not export models
             main = "audit" if cell.condition == "exported_mesh" else "quality"
             first = main if cell.bake is None else "bake"
             return Planned(
@@ -253,24 +258,24 @@ class Planner:
     def _find_unsupported(
         self, pair: Pair, model: ModelAsset | Exception | None, cell: Cell
     ) -> Reason | None:
-        """Return why the method does not support the condition of a cell, or None if it does."""
+        """Return the reason that makes a cell unsupported by the method, or None."""
         tier = TIER_OF.get(cell.condition)
         if cell.condition == "non_engine" and pair.method.non_engine != REFERENCE:
             return None
         codes = "UNSUPPORTED_METHOD" if cell.bake is None else "UNSUPPORTED_"
         if isinstance(model, MsbError) and model.code.startswith(codes):
             return make_reason(model)
-        if cell.bake is not None:  # every model with at least one tier can be baked
+        if cell.bake is not None:  # if a model has at least one tier, it can be baked
             return None
         reasons = lookup(cell.method).unsupported
-        # an exported mesh is unsupported only if the method has no tier and therefore no triangles
+        # without tiers, a method has no triangles and therefore no exported mesh
         if tier is None:
             tier = "standard" if len(reasons) == len(TIER_OF) else None
         variant = self._find_variant(cell)
         if variant is not None and (why := _find_variant_fault(variant, cell.method)):
             return Reason(code="UNSUPPORTED_OPTION", message=why)
         why = None if tier is None else reasons.get(tier)
-        if isinstance(model, ModelAsset):  # a method of Gaussians has assets of two kinds
+        if isinstance(model, ModelAsset):  # Gaussians, or triangles made from Gaussians
             manifest = model.open().manifest
             if tier is None and manifest.primitive == "gaussian":
                 tier = "standard"
@@ -285,7 +290,7 @@ class Planner:
         return next(tables, None)
 
     def _make_job(self, pair: Pair, model: ModelAsset | None, cell: Cell) -> Job:
-        """Return a job for a cell with everything except its parts."""
+        """Return a job for a cell, without the parts to compute."""
         protocol, method = self.file.protocol, pair.method
         names = {"dataset": cell.dataset, "scene": cell.scene, "method": cell.method}
 
@@ -302,7 +307,7 @@ class Planner:
         )
         renders = path(method.non_engine) if cell.condition == "non_engine" else None
         variant = self._find_variant(cell)
-        # A bake has already applied the settings, so they do not apply to the baked mesh.
+        # A bake has already applied the settings, so the baked mesh does not need them.
         changes = {} if variant is None else get_overrides(variant)
         settings = {} if cell.bake else get_overrides(method) | changes
         chamfer = protocol.chamfer
@@ -330,7 +335,7 @@ class Planner:
         )
 
     def scene_at(self, pair: Pair, model: ModelAsset | None, method: str) -> SceneAt:
-        """Return the scene of a pair; options of the method take precedence over options of the dataset."""
+        """Return the scene of a pair. Options of the method take precedence over options of the dataset."""
 
         def option(name: str) -> Any:
             value = getattr(pair.method, name)
@@ -373,7 +378,7 @@ def _is_walked(table: WalkTable | None, cell: Cell) -> bool:
 
 
 def _find_variant_fault(variant: VariantTable, method: str) -> str | None:
-    """Return why a method does not support a variant, or None if it does."""
+    """Return the reason if a method does not support a variant, else None."""
     if lacks := variant.settings.keys() - lookup(method).settings.keys():
         return f"the variant changes {', '.join(sorted(lacks))}, which is not a setting of {method}"
     if variant.renderer is not None and "dedicated" not in getattr(
@@ -384,7 +389,7 @@ def _find_variant_fault(variant: VariantTable, method: str) -> str | None:
 
 
 def _find_change(part: PartName, inputs: PartInputs, old: Result | None) -> str | None:
-    """Return why a part must be computed, or None if its record is valid."""
+    """Return the reason for computing a part. If its record is valid, return None."""
     if old is None:
         return "new"
     recorded = old.inputs.get(part)
@@ -396,7 +401,7 @@ def _find_change(part: PartName, inputs: PartInputs, old: Result | None) -> str 
 
 
 def _find_changed_image(folder: Path, old: Result) -> str | None:
-    """Return the fault of the first rendering that is missing or has changed, or None."""
+    """Return the first missing or changed rendering as text, or None."""
     if old.quality is None:
         return "images are not recorded"
     for image in old.quality.images:
@@ -413,15 +418,15 @@ def _find_changed_image(folder: Path, old: Result) -> str | None:
 def is_selected(cell: Cell, only: Sequence[str]) -> bool:
     """Return whether `only` selects a cell.
 
-    Each string of `only` consists of patterns (with ``*`` and ``?``) separated by slashes. A string selects a
-    cell if every pattern matches the dataset, scene, method, label, condition, variant or renderer. One
-    matching string is enough, and an empty `only` selects every cell.
+    A string of `only` contains patterns separated by slashes, such as "two_dts/garden". A pattern may contain
+    ``*`` and ``?``. A string selects a cell if each pattern matches the cell's dataset, scene, method, label,
+    condition, variant or renderer. One matching string is enough. If `only` is empty, every cell is selected.
     """
     return _matches((*cell.names, cell.method, cell.condition), only)
 
 
 def _matches(names: Sequence[str], only: Sequence[str]) -> bool:
-    """Return whether at least one string of `only` matches these names."""
+    """Return whether at least one string of `only` matches the names of a cell."""
     return not only or any(
         all(any(fnmatchcase(name, pattern) for name in names) for pattern in text.split("/")) for text in only
     )

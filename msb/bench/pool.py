@@ -1,7 +1,7 @@
-"""Workers that compute the tasks of a run: processes of this machine, or a Dask cluster.
+"""Workers that compute the tasks of a run: processes on this machine, or a Dask cluster.
 
-A task is plain data, the argument of a function of this package. If a task raises an exception, the exception
-is returned in place of a result. If a worker dies, only its current task is lost.
+A task is the argument of a function in this package, as plain data. If a task raises an exception, the
+exception is returned instead of a result. If a worker process dies, only its current task is lost.
 """
 
 import contextlib
@@ -22,20 +22,20 @@ from msb.base.extras import need_extra
 from msb.base.packages import PackageWarning
 from msb.errors import DeviceError, UsageError, shorten
 
-# Seconds to wait for a connection to a Dask scheduler.
+# Seconds to wait for the connection to a Dask scheduler.
 _CONNECT_SECONDS = 10
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
 
 
 class Workers(ABC):
-    """Workers that compute tasks, `jobs` at a time."""
+    """Workers that compute `jobs` tasks at a time."""
 
     jobs: int
 
     @abstractmethod
     def executor(self) -> Executor:
-        """Return the executor for tasks; after the death of a worker, a new one."""
+        """Return the executor that runs the tasks. After the death of a worker, a new executor is created."""
 
     @abstractmethod
     def close(self) -> None:
@@ -51,22 +51,22 @@ class Workers(ABC):
 def run_all(
     workers: Workers, function: Callable[[Task], Answer], tasks: Sequence[Task], *, alone: bool = False
 ) -> Iterator[tuple[Task, Answer | Exception]]:
-    """Compute ``function(task)`` for all tasks, and yield each finished task with its result or exception.
+    """Compute ``function(task)`` for all tasks. Yield each finished task with its result or exception.
 
-    Workers must be able to import the function. With `alone`, tasks run one after the other, so that other
-    tasks of the run do not disturb timings.
+    Workers must be able to import the function. With `alone`, tasks run one after the other, so that timings
+    are not disturbed by other tasks of the run.
 
-    When a process dies, the pool does not know which task killed it. The culprit was in progress, so it is
-    among the first unfinished tasks, at most one per worker. The pool computes these tasks again, one at a
-    time. If a process dies again, its task gets the error RUN_WORKER_DIED, and the other tasks continue. A
-    Dask scheduler repeats the tasks of a dead worker itself.
+    When a process dies, the pool does not know which task killed the process. The task was in progress, so it
+    is among the first unfinished tasks (at most one per worker). The pool repeats the first unfinished tasks,
+    one at a time. If a worker process dies again during the same task, the task fails with RUN_WORKER_DIED.
+    The other tasks continue. A Dask scheduler repeats the tasks of a dead worker itself.
     """
     waiting = list(tasks)
     while waiting:
         suspects = 1 if alone else workers.jobs
         numbers = range(len(waiting))
         broken = []
-        # One group of all tasks, or a group for each task that has to run alone.
+        # Submit all tasks as one group. If tasks must run alone, submit each task as a separate group.
         for group in ([number] for number in numbers) if alone else [numbers]:
             for number, answer in _run_group(workers, function, {k: waiting[k] for k in group}):
                 if isinstance(answer, BrokenExecutor):
@@ -74,7 +74,7 @@ def run_all(
                 else:
                     yield waiting[number], answer
         broken.sort()
-        # The first unfinished tasks may have killed the worker; the rest is submitted again.
+        # One of the first unfinished tasks may have killed the worker. Submit the remaining tasks again.
         for number in broken[:suspects]:
             second_answer: Answer | Exception = _get_answer(
                 _submit(workers.executor(), function, waiting[number])
@@ -95,7 +95,7 @@ def _run_group(
     try:
         for future in as_completed(futures):
             number, answer = futures.pop(future), _get_answer(future)
-            del future  # Dask repeats finished tasks of a lost worker while a reference to them exists
+            del future  # Dask repeats the finished tasks of a lost worker while a reference to them exists
             yield number, answer
     finally:
         for future in futures:
@@ -103,7 +103,7 @@ def _run_group(
 
 
 def _submit(executor: Executor, function: Callable[[Task], Answer], task: Task) -> Future[Answer]:
-    """Submit a task; if the pool is already broken, return a future with that error."""
+    """Submit a task. If the pool is broken, return a future with the pool's error."""
     try:
         return executor.submit(function, task)
     except BrokenExecutor as error:
@@ -113,11 +113,11 @@ def _submit(executor: Executor, function: Callable[[Task], Answer], task: Task) 
 
 
 def _get_answer(future: Future[Answer]) -> Answer | Exception:
-    """Return the result or exception of a task; a lost connection to the scheduler is raised."""
+    """Return the result or exception of a task. A lost connection to the scheduler is raised as an error."""
     try:
         return future.result()
     except Exception as error:
-        name = type(error).__name__  # Dask may not be installed, so its classes are compared by name
+        name = type(error).__name__  # Dask may be missing, so its classes are compared by name
         if name == "KilledWorker":
             return _make_death_error()
         if name in ("CancelledError", "FutureCancelledError", "CommClosedError"):
@@ -132,7 +132,7 @@ def _make_death_error() -> DeviceError:
 
 
 class _Process(SpawnProcess):
-    """A process that starts with interrupts blocked, so that Ctrl-C during its start prints no traceback."""
+    """A process that starts with blocked interrupts. Ctrl-C during the start then prints no traceback."""
 
     def start(self) -> None:
         if sys.platform == "win32":
@@ -150,10 +150,12 @@ class _Context(SpawnContext):
 
 
 class LocalWorkers(Workers):
-    """Processes of this machine; they are spawned, not forked, so that they inherit no OpenCL context.
+    """Processes on this machine.
 
-    Each process listens to a pipe from this process and ends when the pipe closes. The pipe closes even if
-    this process is killed.
+    The processes are spawned instead of forked, so that they inherit no OpenCL context.
+
+    Each process listens to a pipe from the parent process, and ends when the pipe closes. The pipe closes
+    even if the parent process is killed.
     """
 
     def __init__(self, jobs: int) -> None:
@@ -201,7 +203,10 @@ def _initialize_worker(pipe: Connection) -> None:
 
 
 def check_address(address: str) -> None:
-    """Raise USAGE if `address` is not HOST:PORT; Dask would wait for it and then print a traceback."""
+    """Raise USAGE if `address` is not HOST:PORT.
+
+    Check the address first, because Dask waits for an invalid address and then prints a traceback.
+    """
     match = re.fullmatch(r"(?:[a-z]+://)?[^\s/:][^\s/]*:(\d{1,5})", address)
     if match is None or not 0 < int(match[1]) < 1 << 16:
         text = f'--scheduler is "{shorten(address, 60)}", but it must have the form tcp://HOST:8786'
@@ -232,5 +237,5 @@ class DaskWorkers(Workers):
         return executor
 
     def close(self) -> None:
-        """Disconnect from the cluster; waiting tasks are dropped, and the workers continue to run."""
+        """Disconnect from the cluster. Waiting tasks are dropped, and the workers continue to run."""
         self._client.close()

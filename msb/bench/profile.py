@@ -1,7 +1,7 @@
 """Time a renderer: device time per frame, frame rate and memory over a set of cameras.
 
-No file is written and no image is read back during the timing. A slow machine may not reach all cameras
-within the timing. The remaining cameras are drawn afterwards, so that the measured memory always covers all
+No file is written and no image is read back during the timing. On a slow machine, the timing may end before
+every camera was drawn. The remaining cameras are drawn afterwards, so that the measured memory covers all
 cameras.
 """
 
@@ -23,11 +23,10 @@ if TYPE_CHECKING:
     from msb.render import Renderer
     from msb.scenes import Camera
 
-# The default warm-up ends after this many frames or seconds, whichever comes first.
+# The default warm-up ends after this number of frames or seconds, whichever comes first.
 WARM_UP_FRAMES = 10
 WARM_UP_SECONDS = 1.0
-# A timing is divided into this many rounds. The frame rates of the rounds differ if other programs use the
-# machine.
+# Number of rounds of a timing. The frame rates of the rounds differ if other programs use the machine.
 ROUNDS = 5
 
 
@@ -36,14 +35,14 @@ class Profile:
     """The result of timing a renderer."""
 
     timing: Timing
-    # Bytes of each buffer on the device after all cameras were drawn, by the name of the buffer. Buffers only
-    # grow, so each has the size that the most demanding camera needs.
+    # Bytes of each device buffer after all cameras were drawn, by the name of the buffer. Buffers never
+    # shrink, so each buffer has the size that the most demanding camera needs.
     memory: Mapping[str, int]
     # The group of each buffer (`Renderer.memory_groups`), by the name of the buffer.
     memory_groups: Mapping[str, str]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the profile as JSON data; device times are None if the renderer measured none."""
+        """Return the profile as JSON data. Device times are None if the renderer measured none."""
         timing = self.timing
         device = timing if timing.has_device_times else None
 
@@ -74,11 +73,11 @@ def profile(
     device_kind: Literal["gpu", "cpu", "other"] = "other",
     step: Callable[[], None] = lambda: None,
 ) -> Profile:
-    """Time a new `renderer` that draws the `cameras` in turn, and return times and memory.
+    """Time a new `renderer` that draws the `cameras` in turn, and return its times and memory.
 
     The timing ends when `frames` and `seconds` are both reached. The default warm-up (`warm_up` None) ends
-    after 10 frames or one second, but not before the renderer's buffers have settled (`SETTLED_AT` frames).
-    `device_kind` is stored in the result. `step` is called after each timed frame.
+    after 10 frames or one second. The warm-up has at least `SETTLED_AT` frames, because buffers may grow in
+    the first frames. `device_kind` is stored in the result. `step` is called after each timed frame.
     """
     if not cameras:
         raise ValueError("cameras is empty; at least one camera is required")
@@ -89,7 +88,7 @@ def profile(
             cycle.repeat(SETTLED_AT - cycle.frames, 0)
     elif warm_up:
         cycle.repeat(warm_up, 0)
-    # Only the following frames are timed. The remaining cameras are drawn afterwards, only to measure memory.
+    # Time the frames from here. Draw the remaining cameras only to measure memory.
     start = time.perf_counter()
     cycle.ends.clear()
     drawn = cycle.repeat(frames, seconds, step=step)
@@ -97,7 +96,7 @@ def profile(
     ends = [start, *cycle.ends]
     while cycle.unseen:
         cycle.draw(min(cycle.unseen))
-    # Percentiles over all timed frames, and the median of each stage.
+    # Compute percentiles over all timed frames, and the median of each stage.
     spans = [frame.span for frame in drawn]
     p50, p95 = np.percentile(spans, (50, 95)).tolist()
     busy_p50, busy_p95 = np.percentile([sum(frame.stages.values()) for frame in drawn], (50, 95)).tolist()
@@ -126,7 +125,7 @@ def profile(
 
 
 def _compute_round_rates(ends: Sequence[float]) -> tuple[float, ...]:
-    """Return the frame rates of up to `ROUNDS` rounds of consecutive frames.
+    """Divide the frames into at most `ROUNDS` equal rounds, and return the frame rate of each round.
 
     `ends` holds the start of the timing and the end of every frame, in seconds.
     """
@@ -137,13 +136,20 @@ def _compute_round_rates(ends: Sequence[float]) -> tuple[float, ...]:
 
 
 def _select_frame_times(spans: Sequence[float]) -> tuple[float, ...]:
-    """Return the times of all frames in ms, or of evenly spread frames if a record cannot hold all."""
+    """Return the times of all frames in ms.
+
+    If a record cannot store all times, return evenly spread frames.
+    """
     count = min(len(spans), MOST_FRAME_TIMES)
     return tuple(round(spans[number * len(spans) // count], 4) for number in range(count))
 
 
 class _CameraCycle:
-    """Draws cameras in turn; `unseen` are cameras not drawn since the renderer's buffers settled."""
+    """Draws cameras in turn.
+
+    `unseen` contains the cameras that were not drawn yet. The remaining cameras are drawn later to measure
+    memory.
+    """
 
     def __init__(self, renderer: Renderer, cameras: Sequence[Camera], background: Sequence[float]) -> None:
         self.renderer, self.cameras, self.background = renderer, cameras, background
@@ -166,7 +172,10 @@ class _CameraCycle:
         any_of: bool = False,
         step: Callable[[], None] = lambda: None,
     ) -> list[DrawTime]:
-        """Draw the cameras in turn until `frames` and `seconds` are reached; with `any_of` one is enough."""
+        """Draw the cameras in turn until `frames` and `seconds` are reached.
+
+        If `any_of` is true, drawing ends when one of the two limits is reached.
+        """
         drawn: list[DrawTime] = []
         start = time.perf_counter()
         while True:

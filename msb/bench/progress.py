@@ -10,17 +10,17 @@ class RemainingTime(NamedTuple):
     """An estimate of the remaining time."""
 
     seconds: float
-    # Whether the estimate is a lower bound. The estimate is a lower bound if a remaining kind has no finished
-    # task yet, or if a task has already taken longer than the average of its kind.
+    # Whether the estimate is a lower bound. The estimate is a lower bound in two cases: a kind of task has no
+    # finished task yet, or a task already takes longer than the average of its kind.
     at_least: bool
 
 
 class Stage:
-    """One stage of a run; `end` is called after each task.
+    """One stage of a run. Call `end` after each task.
 
-    Workers take tasks in order, `at_once` at a time, so the current tasks are the first ones that have not
-    ended. Each task has a kind, and the remaining time is estimated from finished tasks of the same kind.
-    `then` names the following stages, which the estimate does not include.
+    Workers take tasks in order, `at_once` at a time. Therefore the current tasks are the first unfinished
+    tasks. The remaining time is estimated from finished tasks of the same kind. List the following stages in
+    `then`. The estimate does not include these stages.
     """
 
     def __init__(
@@ -53,8 +53,8 @@ class Stage:
     def end(self, number: int, seconds: float | None = None, *, failed: bool = False) -> None:
         """Record the end of the task with index `number`.
 
-        `seconds` is the duration of the task; by default, it is the time since the task became current.
-        Durations of failed tasks are not used for estimates.
+        `seconds` is the duration of the task. By default, the duration is measured from the start of the
+        task. Durations of failed tasks are not used for estimates.
         """
         duration = self._clock() - self._starts.get(number, self._clock()) if seconds is None else seconds
         self._waiting.remove(number)
@@ -65,9 +65,9 @@ class Stage:
     def estimate_rest(self) -> RemainingTime | None:
         """Return the estimated time of the remaining tasks, from the average time of each kind.
 
-        The result is None if no task of any remaining kind has ended.
+        If no remaining kind of task has a finished task, the result is None.
         """
-        # The progress bar calls this in another thread, so lists that may change are copied.
+        # The progress bar calls this function in another thread, so lists that may change are copied.
         means = {kind: statistics.fmean(durations) for kind, durations in list(self._durations.items())}
         now = self._clock()
         known: list[float] = []
@@ -80,6 +80,6 @@ class Stage:
         return RemainingTime(max(sum(known) / self._at_once, *known), len(known) < len(self._waiting))
 
     def _record_starts(self) -> None:
-        """Record the start of tasks that have just become current."""
+        """Record the start of the tasks that have just become current."""
         for number in self._waiting[: self._at_once]:
             self._starts.setdefault(number, self._clock())

@@ -36,10 +36,10 @@ _MAX_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class ProtocolFile:
-    """A protocol and its file; paths in the protocol are relative to the folder of the file."""
+    """A protocol and its file. Paths in the protocol are relative to the folder of the file."""
 
     path: Path
-    # The content of the file, which is copied to the results.
+    # The text of the protocol file, which is copied to the results.
     text: bytes
     protocol: Protocol
     # Folder that replaces the protocol's results folder, if it is given.
@@ -68,10 +68,10 @@ def read_protocol(path: str | os.PathLike[str]) -> ProtocolFile:
 
 
 def parse_protocol(text: bytes, path: str | os.PathLike[str]) -> ProtocolFile:
-    """Return the protocol in `text`, with paths and errors as if it were the content of the file `path`."""
+    """Return the protocol in `text`. Relative paths and errors refer to the file `path`."""
     try:
         data = parse_toml(text.decode())
-    except ValueError as error:  # wrong encoding or syntax, or a number or nesting beyond the limits
+    except ValueError as error:  # invalid encoding or syntax, or a number or nesting beyond the limits
         fault = f"the file is not valid TOML: {shorten(str(error))}"
         raise InputError("PROTOCOL_INVALID", fault, file=path) from error
     model = make_protocol_model(bakes="bakes" in data)
@@ -99,8 +99,8 @@ def make_single_protocol(
 ) -> ProtocolFile:
     """Return a protocol that evaluates one model on one scene, as if its file were in the current folder.
 
-    The results folder is named by the model and the scene. `non_engine` is a folder of official renderings,
-    or "reference" for our reference renderer. The other options are those of `read_scene`.
+    The results folder has the name of the model and the scene. `non_engine` is a folder of official
+    renderings, or "reference" for our reference renderer. The other options are those of `read_scene`.
     """
     from msb.scenes.datasets import dataset_of
 
@@ -129,17 +129,17 @@ def make_single_protocol(
 
 
 def _format_path(given: str | os.PathLike[str]) -> str:
-    """Return a path as an absolute TOML string with doubled braces; symbolic links are not resolved."""
+    """Return the absolute path as a TOML string with doubled braces. Symbolic links are not resolved."""
     absolute = os.path.abspath(given_path(given))  # noqa: PTH100 - resolve() follows links
     return _quote(absolute.replace("{", "{{").replace("}", "}}"))
 
 
 def _quote(text: str) -> str:
-    """Return `text` as a TOML string; this is JSON except for surrogate pairs and the character DEL."""
+    """Return `text` as a TOML string."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
 
 
-# The JSON pointer and the text of each error that the types of the tables cannot detect.
+# Pairs (JSON pointer, text) for errors that the types of the tables cannot detect.
 _Faults = Iterator[tuple[str, str]]
 
 
@@ -157,7 +157,7 @@ def _find_faults(protocol: Protocol) -> _Faults:
         for number, bake in enumerate(protocol.bakes):
             yield from _check_datasets(bake, protocol, f"/bakes/{number}")
             yield from _check_call(f"/bakes/{number}", partial(BakeOptions, **bake.options))
-    # A walk may only name conditions that we or an engine can render.
+    # A walk may name only conditions that our renderers or an engine can render.
     walked = () if protocol.walk is None else protocol.walk.conditions
     labels = [*(table.label for table in protocol.variants), *(table.label for table in protocol.bakes)]
     rendered = (*WALKED, *protocol.engines, *labels)
@@ -185,7 +185,7 @@ def _check_method(method: MethodTable, protocol: Protocol, place: str) -> _Fault
         yield f"{place}/name", f'unknown method "{shorten(method.name)}"; {hint}'
     if method.model is None and (method.name == AUTO or method.non_engine in (None, REFERENCE)):
         yield place, "a method needs a model, or a name and a folder of official renderings (non_engine)"
-    # The path of a model cannot contain {method} if the method is detected from the model.
+    # The path of a model must not contain {method} if the method is detected from the model.
     placeholders = PLACES if method.name != AUTO else PLACES[:2]
     listed = ", ".join(f"{{{name}}}" for name in placeholders)
     for key in ("model", "non_engine", "non_engine_timing", "training", "mesh"):
@@ -207,8 +207,8 @@ def _check_datasets(table: MethodTable | BakeTable, protocol: Protocol, place: s
 
 
 def _check_labels(protocol: Protocol) -> _Faults:
-    """Yield an error for each label that is already the name of something else in tables or folders."""
-    # Label of a model -> its method. Two models of a method may share a label if their scenes differ.
+    """Yield an error for each label that is already used in tables or folders."""
+    # The method of each model label. Two models of a method may share a label if their scenes differ.
     methods: dict[str, str] = {}
     for number, method in enumerate(protocol.methods):
         place = f"/methods/{number}/label"
@@ -219,7 +219,7 @@ def _check_labels(protocol: Protocol) -> _Faults:
         other = methods.setdefault(method.label.casefold(), method.name)
         if other != method.name:
             yield place, f'"{shorten(method.label)}" is already the label of {other}; use another label'
-    # Conditions, engines, variants and bakes of one model become names of folders and columns.
+    # The names of conditions, engines, variants and bakes are also names of folders and columns.
     taken = {name.casefold(): "a condition" for name in CONDITIONS}
     taken |= {name.casefold(): "an engine" for name in protocol.engines}
     variants = [
@@ -238,12 +238,11 @@ def _check_variant(variant: VariantTable, protocol: Protocol, place: str) -> _Fa
     from msb.render.backend import renderers
 
     if not (variant.options or variant.renderer or variant.settings):
-        yield place, "a variant needs an order, sampling, renderer or settings that differ from the default"
+        yield place, "a variant must set its order, sampling, renderer or settings"
     if variant.renderer is not None and variant.renderer not in renderers():
         text = f'unknown renderer "{shorten(variant.renderer)}"; available: {", ".join(renderers())}'
         yield f"{place}/renderer", text
-    # Each setting is checked for the methods that have it. If no method has the setting, the check reports an
-    # error.
+    # Each setting is checked for all methods that have it. An unknown setting is an error.
     names = [method.name for method in protocol.methods]
     known = METHODS if AUTO in names else names
     for name, value in get_overrides(variant).items():
@@ -253,7 +252,7 @@ def _check_variant(variant: VariantTable, protocol: Protocol, place: str) -> _Fa
 
 
 def _check_call(place: str, check: Callable[..., object], *arguments: Any) -> _Faults:
-    """Call a function, and yield its UsageError as a fault at `place`."""
+    """Call a function. A UsageError of the function is yielded as an error at `place`."""
     try:
         check(*arguments)
     except UsageError as error:
@@ -261,5 +260,5 @@ def _check_call(place: str, check: Callable[..., object], *arguments: Any) -> _F
 
 
 def get_overrides(table: MethodTable | VariantTable) -> dict[str, Any]:
-    """Return the settings of a table; "none" means None, because TOML has no null."""
+    """Return the settings of a table. The text "none" becomes None, because TOML has no null."""
     return {name: None if value == "none" else value for name, value in table.settings.items()}

@@ -11,14 +11,14 @@ from msb.bench.timing import Timing
 from msb.bench.validation import Record
 from msb.registry import Order, Sampling
 
-# The name of a method that is detected from its model.
+# The method of a model with this name is detected from its files.
 AUTO = "auto"
-# Value of `non_engine` that requests images of our NumPy renderer in place of official renderings.
+# Value of `non_engine` that requests images of our NumPy renderer instead of official renderings.
 REFERENCE = "reference"
 PLACES = ("dataset", "scene", "method")
-# A placeholder in a path, or a doubled brace, which stands for a literal brace.
+# A placeholder in a path, or a doubled brace, which denotes a literal brace.
 PLACE = re.compile(r"\{\{|\}\}|\{(.*?)\}")
-# Pattern of names that become names of folders in the results.
+# Pattern of names that are used as folder names in the results.
 _NAME = r"^[^/\\\x00-\x1f.][^/\\\x00-\x1f]*$"
 
 FolderName = Annotated[str, Field(pattern=_NAME, max_length=100)]
@@ -30,51 +30,53 @@ Setting = bool | int | float | str
 
 
 class SceneOptions(Record):
-    """Options of a scene in a table of a dataset or a method; the method takes precedence."""
+    """Options of a scene in a dataset or a method. Options of the method take precedence."""
 
-    # Folder of the photographs below the scene, such as "images_4". Default: the dataset's folder.
+    # Folder of the photographs below the scene, such as "images_4". Default: the folder of the dataset.
     image_folder: Annotated[str, Field(min_length=1)] | None = None
     # Downsampling factor or width in pixels, as the option ``-r`` of code derived from 3DGS.
     resolution: int | None = None
     background: Color | None = None
-    # Principal point during training. Default: "full_K" for DiffSoup and meshes, else "gs_fov".
+    # The camera convention during training. Default: "full_K" for DiffSoup and meshes, "gs_fov" for all other
+    # methods.
     camera_convention: Literal["gs_fov", "full_K"] | None = None
 
 
 class DatasetTable(SceneOptions):
     """``[[datasets]]``: the scenes of one dataset in one folder."""
 
-    # "mipnerf360", "tanksandtemples", "nerf_synthetic", "dtu", or any name for another capture.
+    # Dataset name: "mipnerf360", "tanksandtemples", "nerf_synthetic", "dtu", or any name for another capture.
     name: FolderName
-    # The folder with one folder for each scene.
+    # The folder that contains one folder per scene.
     path: Annotated[str, Field(min_length=1)]
     # Default: all scenes in the folder.
     scenes: tuple[FolderName, ...] = ()
 
 
 class MethodTable(SceneOptions):
-    """``[[methods]]``: the models of one method and the files that belong to them."""
+    """``[[methods]]``: the models of one method, and the files that belong to the models."""
 
-    # A name in the list of `msb methods`, or "auto", which detects the method from the model.
+    # A name listed by `msb methods`, or "auto" to detect the method from the model.
     name: str = AUTO
-    # Distinguishes models of one method, and names the columns and folders of the model.
+    # The label distinguishes models of one method, and names the columns and folders of the model.
     label: FolderName | None = None
-    # The checkpoint, .triasset or mesh of each scene. Without a model only official renderings are evaluated.
+    # The checkpoint, .triasset or mesh of each scene. Without a model, only official renderings are
+    # evaluated.
     model: Template | None = None
-    # Datasets for the evaluation of the method. Default: all.
+    # The datasets on which the method is evaluated. Default: all.
     datasets: tuple[FolderName, ...] = ()
-    # Values that replace settings, as ``--set`` does.
+    # Values that replace settings, like the option ``--set``.
     settings: dict[str, Setting] = Field(default_factory=dict)
-    # Default: the conditions of the protocol.
+    # Default: all conditions of the protocol.
     conditions: Annotated[tuple[Condition, ...], Field(min_length=1)] | None = None
-    # The folder of official renderings, or "reference". Without a folder or "reference" the condition
+    # The folder of official renderings, or "reference". Without a folder or "reference", the condition
     # non_engine is left out.
     non_engine: Template | None = None
-    # A timing of the method's own renderer (schema msb.renderer_timing/1).
+    # A timing of the method's official renderer (schema msb.renderer_timing/1).
     non_engine_timing: Template | None = None
     # A record of `msb track`.
     training: Template | None = None
-    # Whether the user vouches that no training saw a test view, although the training does not record this.
+    # If the training does not record its split, the user sets this key to confirm that no test view was used.
     held_out: bool = False
     # The mesh for the Chamfer distance. Default: the triangles of the asset.
     mesh: Template | None = None
@@ -83,19 +85,19 @@ class MethodTable(SceneOptions):
 class VariantTable(Record):
     """``[[variants]]``: an additional condition of the dedicated tier, rendered with other options."""
 
-    # The name of the condition. No other condition, engine or variant may have this name.
+    # The name of the variant's condition. No other condition, engine or variant may have this name.
     label: FolderName
-    # Like the option ``--order`` of `msb render`. Default: the order of the official renderer.
+    # Drawing order, like the option ``--order`` of `msb render`. Default: the order of the official renderer.
     order: Order | None = None
     sampling: Sampling | None = None
     # A renderer of the dedicated tier, by its name in `msb devices`. Default: ours.
     renderer: Annotated[str, Field(min_length=1)] | None = None
-    # Values that replace settings, as ``--set`` does, in addition to the method's settings.
+    # Values that replace settings, like ``--set``, in addition to the method's settings.
     settings: dict[str, Setting] = Field(default_factory=dict)
 
     @property
     def options(self) -> dict[str, str]:
-        """The order and the sampling of this table as options of a renderer, without None values."""
+        """The order and the sampling of this variant, as options of a renderer."""
         given = {"order": self.order, "sampling": self.sampling}
         return {name: value for name, value in given.items() if value is not None}
 
@@ -103,13 +105,13 @@ class VariantTable(Record):
 class BakeTable(Record):
     """``[[bakes]]``: an additional condition, the result of `msb bake` on the standard tier.
 
-    The table also has the keys `BAKE_KEYS`, the options of `msb bake`. Bakes are supervised by training views
-    only.
+    The table also accepts the options of `msb bake` with the names in `BAKE_KEYS`. Bakes are supervised by
+    training views only.
     """
 
-    # The name of the condition. No other condition, engine, variant or bake may have this name.
+    # The name of the bake's condition. No other condition, engine, variant or bake may have this name.
     label: FolderName
-    # The datasets whose models are baked. Default: all.
+    # Datasets whose models are baked. Default: all.
     datasets: tuple[FolderName, ...] = ()
 
     @property
@@ -124,13 +126,16 @@ BAKE_KEYS = ("geometry", "color", "supervision", "faces", "texture", "effort", "
 
 
 class MetricsTable(Record):
-    """``[metrics]``: `vgg_weights` is the file of torchvision's VGG16; without it LPIPS is not measured."""
+    """``[metrics]``: `vgg_weights` is the file of torchvision's VGG16.
+
+    Without this file, LPIPS is not measured.
+    """
 
     vgg_weights: str | None = None
 
 
 class TimingTable(Record):
-    """``[timing]``: the minimum number of frames and seconds; with 0 frames nothing is timed."""
+    """``[timing]``: the minimum number of frames and of seconds. With 0 frames, timings are left out."""
 
     frames: Annotated[int, Field(ge=0)] = Timing.frames
     seconds: Annotated[float, Field(ge=0)] = Timing.seconds
@@ -146,8 +151,8 @@ class ChamferTable(Record):
 class VideosTable(Record):
     """``[videos]``: films of the conditions side by side along a camera path.
 
-    The `path` "flight" moves smoothly through the test cameras. "test" shows the test views, together with
-    the photographs and the official renderings.
+    The `path` "flight" moves smoothly through the test cameras. The `path` "test" shows the test views,
+    together with the photographs and the official renderings.
     """
 
     path: Literal["flight", "test"] = "flight"
@@ -158,10 +163,11 @@ class VideosTable(Record):
 class WalkTable(Record):
     """``[walk]``: flicker and holes on a camera path away from the captured views."""
 
-    # Names of conditions, engines, variants and bakes. Default: all conditions that we or an engine render.
+    # Names of conditions, engines, variants and bakes. Default: all conditions that our renderers or an
+    # engine render.
     conditions: tuple[FolderName, ...] = ()
 
-    # 24 frames lead from one stop to the next. 240 frames go round a capture with ten or more test views.
+    # The walk needs 24 frames from one stop to the next, and 240 frames for a loop with ten stops.
     frames: Annotated[int, Field(ge=3, le=100_000)] = 240
     # Distance of the stops from the cameras, relative to the radius of the capture.
     reach: Annotated[float, Field(ge=0, le=10)] = 0.25
@@ -172,9 +178,10 @@ class WalkTable(Record):
 class TrialTable(Record):
     """``[trial]``: tasks on the exported mesh, and the limits of each library."""
 
-    # Names of tasks as in `msb trial --task`. Default: all.
+    # Names of the trial tasks, as in the option ``--task`` of `msb trial`. Default: all.
     tasks: tuple[str, ...] = ()
-    # Compare repairs of the mesh as `msb repair --compare` does, with `tasks` or its default tasks.
+    # Whether to compare repairs of the mesh, as `msb repair --compare` does. If `tasks` is empty,
+    # the default tasks of the comparison are used.
     compare: bool = False
     seconds: Annotated[float, Field(gt=0)] = 60.0
     # Memory limit in GiB.
@@ -182,7 +189,7 @@ class TrialTable(Record):
 
 
 class Protocol(Record):
-    """A protocol file; docs/protocol.md shows one with comments."""
+    """A protocol file. docs/protocol.md shows an example with comments."""
 
     results: Annotated[str, Field(min_length=1)] = "results"
     device: str | None = None
@@ -202,7 +209,7 @@ class Protocol(Record):
 
 @cache
 def make_protocol_model(*, bakes: bool) -> type[Protocol]:
-    """Return the model of a protocol file.
+    """Return the data model of a protocol file.
 
     With `bakes`, the tables ``[[bakes]]`` accept the options of `msb.bake`. Protocols without bakes do not
     import `msb.bake`.

@@ -1,4 +1,4 @@
-"""The part "quality" of a cell: its images, written to its folder and compared with the photographs."""
+"""The part "quality" of a cell: write the images of the cell, and compare them with the photographs."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def measure_quality(job: Job) -> dict[str, Any]:
         installed = ", ".join(identity.name for identity in measures.identities)
         text = f"this worker has other metrics than the run ({installed}); install its packages here"
         raise UsageError("PACKAGE_LEFT_OUT", text)
-    # Images are compared while other threads compress and write them.
+    # Compare images while other threads compress and write them.
     compared: list[dict[str, Any]] = []
     with new_folder(job.folder / "images") as folder, Writers() as writers:
         for name, camera, image in zip(names, scene.test, source.images(), strict=True):
@@ -72,22 +72,25 @@ def measure_quality(job: Job) -> dict[str, Any]:
 
 @lru_cache(maxsize=1)
 def load_measures(weights: Path | None) -> metrics.Measures:
-    """Return the image metrics; their weights are loaded once per process."""
+    """Return the image metrics. The weights of the metrics are loaded once per process."""
     return metrics.Measures(weights)
 
 
 def hash_metrics(weights: Path | None) -> str:
-    """Return a hash of the definitions of all metrics; recorded values are valid while it is unchanged."""
+    """Return a hash of the definitions of all metrics.
+
+    While this hash is unchanged, recorded values remain valid.
+    """
     return digest([defined(identity.to_dict()) for identity in load_measures(weights).identities])
 
 
 @dataclass
 class _OfficialImages:
-    """Renderings of the method's authors, read from files."""
+    """Renderings by the method's authors, read from files."""
 
     job: Job
     scene: Scene
-    # Whether at least one of the images is not uniform.
+    # Whether at least one image is not uniform.
     is_visible: bool = False
 
     def __post_init__(self) -> None:
@@ -98,7 +101,7 @@ class _OfficialImages:
         for path, camera in zip(self.renders.files, self.scene.test, strict=True):
             image = metrics.read_image(path, background=self.scene.background)
             check_size(path, (image.shape[1], image.shape[0]), camera)
-            try:  # checked before the conversion to bytes, which hides NaN and values out of range
+            try:  # check the floats, because bytes cannot store NaN
                 check_image(image, "the rendering")
             except MetricError as error:
                 raise error.at(path) from None
@@ -118,13 +121,13 @@ class _OfficialImages:
 
 @dataclass
 class _RenderedImages:
-    """Images that are rendered now, by one of our renderers or by an engine."""
+    """Images that are rendered during the run, by one of our renderers or by an engine."""
 
     job: Job
     scene: Scene
     name: str = ""
     engine: Mapping[str, str] | None = None
-    # Whether at least one of the images shows the model.
+    # Whether at least one image shows the model.
     is_visible: bool = False
 
     def images(self) -> Iterator[NDArray[np.float32]]:
@@ -147,10 +150,11 @@ class _RenderedImages:
 
 
 def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
-    """Return the renderer of a cell for `asset`, by default the model of the cell.
+    """Return the renderer for the asset of a cell.
 
-    The options of the renderer disable everything that the image does not need, such as buffers for other
-    commands.
+    If `asset` is given, the renderer draws this asset instead.
+
+    The renderer omits buffers that are only needed by other commands.
     """
     from msb.render import Renderer
     from msb.render.backend import minimal_options
@@ -163,7 +167,10 @@ def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
 
 
 def describe_renderer(job: Job, name: str) -> RendererInfo:
-    """Return the record of a renderer; `name` is its "TITLE VERSION", and the job has its settings."""
+    """Return the record of a renderer: its name, version and settings.
+
+    Pass "TITLE VERSION" as `name`. The settings are taken from the job.
+    """
     from msb.asset.settings import effective_settings
 
     assert job.model is not None
@@ -180,7 +187,7 @@ def describe_renderer(job: Job, name: str) -> RendererInfo:
 def _compare(
     job: Job, camera: Camera, name: str, pixels: Pixels, truth: Path, measures: metrics.Measures
 ) -> dict[str, Any]:
-    """Return the arguments of `ImageQuality` except the hash of the file, which is still being written.
+    """Return the values of `ImageQuality` except the hash of the image file, which is still being written.
 
     `pixels` is the image as (H, W, 3) uint8, and `truth` is the file of the photograph.
     """
@@ -199,7 +206,7 @@ def _compare(
 
 
 def _summarize(rows: list[ImageQuality], measures: metrics.Measures, weights: Path | None) -> Quality:
-    """Return the averages over all images, with the identities of the metrics."""
+    """Return the average of each metric over all images, and the identity of each metric."""
     averages: dict[str, Any] = average_images(rows)
     return Quality(
         **averages,

@@ -1,8 +1,8 @@
 """Result records: JSON files with the measurements of one cell (dataset, scene, method, condition).
 
-`msb run` writes the records, and `msb report` reads only them. Values have full precision, in seconds,
-milliseconds, bytes and the units of the metrics. A missing value is None and has a reason. docs/protocol.md
-describes the file.
+`msb run` writes the records, and `msb report` reads them. Values have full precision. The units are seconds,
+milliseconds, bytes and the units of the metrics. A missing value is None and has a reason. The file is
+described in docs/protocol.md.
 """
 
 import math
@@ -32,32 +32,35 @@ from msb.metrics.vgg import MOST_LPIPS, is_weights_record
 from msb.registry import Tier
 
 SCHEMA: Literal["msb.result/2"] = "msb.result/2"
-# Maximum size of a record in bytes. An image takes about 400 bytes, so 100,000 test views fit.
+# Maximum size of a record in bytes. The record of an image takes about 400 bytes, so 100,000 test views fit.
 MAX_BYTES = 64 << 20
-# Maximum number of frame times in a record. 20,000 times take 160 kB. The default timing of 3 s has fewer.
+# Maximum number of frame times in a record. 20,000 times take 160 kB. The default timing of 3 s has fewer
+# frames.
 MOST_FRAME_TIMES = 20_000
 # Maximum size of a file of the schema msb.renderer_timing/1 in bytes.
 _MAX_TIMING = 1 << 16
 
 Condition = Literal["non_engine", "dedicated", "standard", "exported_mesh"]
-# The method's own renderer, our two tiers, and the exported mesh, which is audited and not rendered.
+# The conditions of the benchmark: native renderer, two engine tiers, and exported mesh. The exported mesh is
+# audited but not rendered.
 CONDITIONS: tuple[Condition, ...] = ("non_engine", "dedicated", "standard", "exported_mesh")
 # The tier that renders each condition with images, in the order of decreasing quality.
 TIER_OF: Mapping[str, Tier] = MappingProxyType(
     {"non_engine": "reference", "dedicated": "dedicated", "standard": "standard"}
 )
 
-# The conditions of a walk, which needs images from arbitrary cameras.
+# Conditions that are measured on the walk, because their renderers accept arbitrary cameras.
 WALKED: tuple[Condition, ...] = ("dedicated", "standard")
-# The keys of conditions that render a bake begin with this word.
+# Names of bake conditions begin with this word.
 BAKED = "baked"
 
-# Tolerance for a recorded average: above the rounding error of a sum, below the last digit of the tables.
+# Tolerance for recorded averages. The tolerance is larger than rounding errors, and smaller than the last
+# printed digit.
 _ROUNDING = {"rel_tol": 1e-9, "abs_tol": 1e-9}
 
-# Larger numbers are rejected in any part of a record. Sums and squares of accepted numbers do not overflow.
+# Larger numbers in any part of a record are rejected. Sums and squares of accepted numbers do not overflow.
 _MAX_NUMBER = 1e100
-# A positive number; the lower limit keeps quotients finite.
+# A positive number. The lower limit avoids infinite quotients.
 _Divisor = Annotated[float, Field(ge=1e-9)]
 
 Status = Literal["done", "failed", "unsupported"]
@@ -73,36 +76,36 @@ class Reason(Record):
 class Cell(Record):
     """The identity of a result."""
 
-    # "mipnerf360", "tanksandtemples", "nerf_synthetic", "dtu", or any name for other captures.
+    # Dataset name: "mipnerf360", "tanksandtemples", "nerf_synthetic", "dtu", or any name for other captures.
     dataset: Name
     scene: Name
-    # A name of `msb.registry`.
+    # Method name in `msb.registry`.
     method: Name
-    # Distinguishes models of one method in a protocol, and names the columns of the model.
+    # The label distinguishes models of one method in a protocol, and names the columns of the model.
     label: Name | None = None
     condition: Condition
-    # The label of a variant of the dedicated tier, with another order, sampling, renderer or settings.
+    # The label of a variant: the dedicated tier with another order, sampling, renderer or settings.
     variant: Name | None = None
-    # The label of a bake, a standard-tier mesh that was baked from the model.
+    # The label of a bake: a standard-tier mesh that was baked from the model.
     bake: Name | None = None
-    # The name in `msb.renderers` of an engine on the standard tier, or of the renderer of a variant.
+    # The name in `msb.renderers` of the cell's engine, or of a variant's renderer.
     renderer: Name | None = None
 
     @property
     def model_name(self) -> str:
-        """The name of the model in tables and folders: its label, or the method if it has no label."""
+        """The name of the model in tables and folders: its label, or else its method."""
         return self.label or self.method
 
     @property
     def condition_name(self) -> str:
-        """The name of the condition's folder: its bake, variant or renderer, otherwise the condition."""
+        """The folder name of the condition: its bake, variant or renderer if given, else the condition."""
         return self.bake or self.variant or self.renderer or self.condition
 
     @property
     def condition_key(self) -> str:
         """The condition in tables, such as "standard".
 
-        An engine is "standard/NAME", a variant "dedicated/NAME" and a bake "baked/NAME".
+        The name of an engine is "standard/NAME", of a variant "dedicated/NAME", and of a bake "baked/NAME".
         """
         if self.bake is not None:
             return f"{BAKED}/{self.bake}"
@@ -111,12 +114,12 @@ class Cell(Record):
 
     @property
     def names(self) -> tuple[str, str, str, str]:
-        """Dataset, scene, model and condition, which are the folders of the cell."""
+        """Dataset, scene, model and condition; these names are the folders of the cell."""
         return self.dataset, self.scene, self.model_name, self.condition_name
 
 
 class File(Record):
-    """An input file or folder of a result; a folder has the SHA-256 of its list of hashes."""
+    """An input file or folder of a result. The hash of a folder is the SHA-256 of its list of hashes."""
 
     path: str
     bytes: Count
@@ -124,13 +127,13 @@ class File(Record):
 
 
 class Setup(Record):
-    """The conditions of a comparison; two results are comparable only if these are equal."""
+    """The conditions of a comparison. Two results are comparable only if their conditions are equal."""
 
     # Principal point in the image centre, as in 3DGS ("gs_fov"), or as recorded ("full_K").
     camera_convention: Literal["gs_fov", "full_K"]
     # The folder of the photographs below the scene, such as "images_4".
     image_folder: str
-    # Whether the photographs were resized because the dataset has no images of this size.
+    # Whether the photographs were resized because the dataset provides no images of this size.
     gt_resized: bool
     # Colour behind the model and behind a masked photograph, RGB from 0 to 1.
     background: tuple[float, float, float]
@@ -141,7 +144,7 @@ class Setup(Record):
 class _MetricValues(Record):
     """Values of the image metrics, stored as additional keys of the JSON object.
 
-    A record may be older than a metric, so any metric may be absent.
+    An older record may lack a newer metric.
     """
 
     model_config = ConfigDict(extra="allow")
@@ -154,7 +157,7 @@ class _MetricValues(Record):
 
 
 class ImageQuality(_MetricValues):
-    """The metrics of one test image; PSNR is None and `psnr_infinite` true if the images are equal."""
+    """The metrics of one test image. If the images are equal, PSNR is None and `psnr_infinite` is true."""
 
     name: Name
     width: Annotated[int, Field(gt=0)]
@@ -162,7 +165,7 @@ class ImageQuality(_MetricValues):
     psnr_infinite: bool = False
     # Path of the rendering, relative to the record.
     file: str
-    # SHA-256 of the rendering when it was compared.
+    # SHA-256 of the rendering at the time of its comparison.
     sha256: Sha256
     # Path of the ground truth, relative to the record.
     gt: str
@@ -171,14 +174,14 @@ class ImageQuality(_MetricValues):
 class Quality(_MetricValues):
     """Unweighted averages over the test images, and the metrics of every image."""
 
-    # Why metrics that need VGG weights are missing.
+    # The reason that LPIPS is missing.
     lpips_reason: str | None
     # Number of images with infinite PSNR.
     psnr_inf_count: Count
     images: tuple[ImageQuality, ...]
-    # The identity of every metric with version and parameters (`msb.metrics.identity`).
+    # The identity of every metric (`msb.metrics.identity`), with version and parameters.
     metrics: tuple[dict[str, Any], ...]
-    # Why metrics of other packages have no value, by the name of the metric.
+    # For each missing metric of another package, the reason that it has no value.
     missing: dict[Name, str] = Field(default_factory=dict)
 
     @property
@@ -188,7 +191,7 @@ class Quality(_MetricValues):
 
     @property
     def not_installed(self) -> set[str]:
-        """Metrics of the record whose packages are not installed on this machine."""
+        """Metrics in the record whose packages are not installed on this machine."""
         keys = {key for part in (self, *self.images) for key in part.__pydantic_extra__}
         return keys - set(IMAGE_METRICS)
 
@@ -200,13 +203,13 @@ class Quality(_MetricValues):
 
 
 class Timing(Record):
-    """Times of a renderer's frames; images are neither written nor read back.
+    """Frame times of a renderer, without writing images and without reading images back.
 
     Percentiles are over all timed frames.
     """
 
     frames: Annotated[int, Field(gt=0)]
-    # Wall-clock seconds of all frames.
+    # Wall-clock seconds of all frames together.
     seconds: Amount
     # Frames per second of wall-clock time.
     fps: _Divisor
@@ -217,13 +220,14 @@ class Timing(Record):
     # Sum of the times of all commands of a frame.
     busy_p50_ms: Amount
     busy_p95_ms: Amount
-    # Device time since the first command was queued; None if the renderer does not measure it.
+    # Device time since the first command was queued. The value is None if the renderer cannot measure this
+    # time.
     queued_p50_ms: Amount | None
     queued_p95_ms: Amount | None
-    # Frame rates of up to five consecutive rounds; these rates differ if other programs use the machine.
+    # Frame rates of up to five consecutive rounds. The rates differ if other programs use the machine.
     round_fps: tuple[Amount, ...]
     # Device time of each frame in units of 0.1 microseconds. Long timings keep only evenly spread frames.
-    # Empty in older records.
+    # Older records have no frame times.
     frame_ms: Annotated[tuple[Amount, ...], Field(max_length=MOST_FRAME_TIMES)] = ()
     # Median milliseconds of each stage of the renderer.
     stages_ms: dict[str, Amount]
@@ -231,7 +235,7 @@ class Timing(Record):
 
     @property
     def has_device_times(self) -> bool:
-        """Whether the renderer measured times on its device; otherwise all of them are 0."""
+        """Whether the renderer measured times on its device. The value is false if all device times are 0."""
         return self.mean_ms > 0
 
     @model_validator(mode="after")
@@ -242,7 +246,7 @@ class Timing(Record):
         for kind in ("", "busy_", "queued_"):
             p50, p95 = (getattr(self, f"{kind}{name}") for name in ("p50_ms", "p95_ms"))
             if (p50 or 0) > (p95 or 0) * (1 + 1e-9):
-                raise ValueError(f"{kind}p50_ms is {p50:g}, and {kind}p95_ms is less")
+                raise ValueError(f"{kind}p50_ms is {p50:g}, which exceeds the value of {kind}p95_ms")
         if len(self.frame_ms) == self.frames:
             for name, percent in (("p50_ms", 50), ("p95_ms", 95)):
                 recorded, value = getattr(self, name), float(np.percentile(self.frame_ms, percent))
@@ -254,29 +258,29 @@ class Timing(Record):
 class Memory(Record):
     """Bytes of our device buffers after all test views were drawn, by purpose.
 
-    Buffers only grow from view to view, so each has the size that the most demanding view needs.
+    Buffers never shrink, so each buffer has the size that the most demanding view needs.
     """
 
     geometry: Count
     appearance: Count
-    # Sort order, tile lists and other intermediate data of a frame.
+    # Bytes of intermediate data of a frame, such as the sort order and tile lists.
     scratch: Count
-    # Colour and depth images.
+    # Bytes of colour and depth images.
     targets: Count
-    # Bytes of each buffer, by the renderer's name for it.
+    # Bytes of each buffer, by the buffer's name in the renderer.
     uses: dict[str, Count]
-    # Bytes of the process on NVIDIA GPUs, measured by NVML; `driver_reason` explains a missing number.
+    # Bytes of the process on NVIDIA GPUs, measured by NVML. `driver_reason` explains a missing number.
     driver_bytes: Count | None = None
     driver_reason: str | None = None
 
     @property
     def total(self) -> int:
-        """The bytes of all buffers."""
+        """The total bytes of all buffers."""
         return self.geometry + self.appearance + self.scratch + self.targets
 
 
 class Floor(Record):
-    """Time and memory of the renderer for a single triangle at this image size, a fixed cost of any mesh."""
+    """Time and memory of the renderer for a single triangle at this image size: a fixed cost of any mesh."""
 
     width: Annotated[int, Field(gt=0)]
     height: Annotated[int, Field(gt=0)]
@@ -286,17 +290,18 @@ class Floor(Record):
 
 
 class RendererTiming(Record):
-    """The speed of a method's own renderer as measured by the user, schema msb.renderer_timing/1."""
+    """The speed of a method's official renderer as measured by the user, schema msb.renderer_timing/1."""
 
     schema_: Literal["msb.renderer_timing/1"] = Field(default="msb.renderer_timing/1", alias="schema")
     frames: Annotated[int, Field(gt=0)]
-    # Wall-clock seconds of all frames.
+    # Wall-clock seconds of all frames together.
     seconds: _Divisor
-    # The device that rendered, such as "NVIDIA RTX 4090".
+    # Name of the rendering device, such as "NVIDIA RTX 4090".
     device: Name
     # Description of the measurement: "render() of 300 test views after a warm-up, nothing written".
     timed: Name
-    # Whether loading and writing are included; such a time is not compared with any other.
+    # Whether loading and writing are included. Times that include loading or writing are not compared with
+    # other times.
     whole_command: bool = False
     peak_gpu_memory_bytes: Count | None = None
 
@@ -307,33 +312,34 @@ class RendererTiming(Record):
 
 
 class WalkDocument(Record):
-    """Flicker and holes on a camera path away from the captured views (`msb.bench.walk`)."""
+    """Flicker and holes on a walk: a camera path away from the captured views (`msb.bench.walk`)."""
 
     frames: Count
     width: Count
     height: Count
     # Root mean square of `msb.metrics.steadiness.unexplained_change` over all frames, in levels of 255.
     flicker: Amount
-    # The flicker over the one second of the walk that flickers most.
+    # The flicker during the one second of the walk that flickers most.
     flicker_worst: Amount
     # Index of the first frame of the worst second.
     worst_frame: Count
-    # Share of pixels in holes (`msb.metrics.steadiness.find_holes`) among pixels with the model or a hole.
+    # Share of hole pixels (`msb.metrics.steadiness.find_holes`) among all pixels with the model or a hole.
     holes: Share
-    # File name of the film of the worst second beside the record; None without the extra `video`.
+    # Name of a film file beside the record that shows the worst second. Without the extra `video`, the value
+    # is None.
     film: str | None
     seconds: Amount
 
 
 class Training(Record):
-    """Time and memory of a training, from a record of `msb track` or from the log of our own trainer."""
+    """Time and memory of a training run, from a record of `msb track` or from the log of our trainer."""
 
     seconds: Amount | None
     peak_memory_bytes: Count | None
     source: str
-    # Why the memory is unknown.
+    # The reason that the peak memory is unknown.
     memory_reason: str | None = None
-    # "ours" for models of our own trainer (docs/training.md), which runs on a CPU.
+    # The value is "ours" for models of our trainer (docs/training.md), which runs on a CPU.
     trainer: Literal["official", "ours"] = "official"
 
 
@@ -350,11 +356,12 @@ class RendererInfo(Record):
 
 
 class Result(Record):
-    """The record of one cell.
+    """The record of one benchmark cell.
 
-    A cell is "done" if its images were compared or its mesh was audited. Tables print "unsupported" as N/A
-    and "failed" as --, and both have a `reason`. Parts that do not apply to the condition are None. Requested
-    parts that are missing have a reason in `reasons`.
+    A cell is "done" if its images were compared or its mesh was audited. Tables print the status
+    "unsupported" as N/A and "failed" as --. Records with the status "unsupported" or "failed" have a
+    `reason`. Parts that do not apply to the condition are None. Requested parts that are missing have a
+    reason in `reasons`.
     """
 
     schema_: Literal["msb.result/2"] = Field(default=SCHEMA, alias="schema")
@@ -362,12 +369,12 @@ class Result(Record):
     cell: Cell
     status: Status
     reason: Reason | None = None
-    # Computing time of the cell.
+    # Seconds spent on computing the cell.
     seconds: Amount
     setup: Setup | None = None
     checkpoint: File | None = None
     asset: File | None = None
-    # For a bake, the asset that was baked; the result of the bake is `asset`.
+    # For a bake, this is the asset before the bake, and `asset` is the baked mesh.
     source: File | None = None
     # The folder of official renderings, only for the condition non_engine.
     renders: File | None = None
@@ -382,37 +389,38 @@ class Result(Record):
     # Audits and trials exist only for exported meshes and bakes.
     audit: AuditDocument | None = None
     bake: BakeDocument | None = None
-    # The images of a trial are in the folder "trial" beside the record.
+    # The folder "trial" beside the record contains the images of a trial.
     trial: TrialDocument | None = None
-    # Only for an exported mesh; images are in the folder "repairs".
+    # Comparison of repairs, for exported meshes only. The images are in the folder "repairs".
     repairs: RepairDocument | None = None
-    # Only for conditions rendered by our renderers or an engine, and only if the protocol has a walk.
+    # A walk exists only if the protocol requests it, and only for conditions that our renderers or an engine
+    # draw.
     walk: WalkDocument | None = None
     training: Training | None = None
-    # Sentences about a training split, background or image size that differs from the evaluation.
+    # Notes on differences between training and evaluation: split, background and image size.
     trained: tuple[Name, ...] = ()
-    # Timing of the method's own renderer by the user; only for the condition non_engine.
+    # The user's timing of the method's official renderer; only for the condition non_engine.
     renderer_timing: RendererTiming | None = None
-    # Why a part ("timing", "walk", "trial", "repairs", "chamfer", "training") is missing.
+    # The reason for each missing part ("timing", "walk", "trial", "repairs", "chamfer", "training").
     reasons: dict[Name, Reason] = Field(default_factory=dict)
-    # The hash or version of each input, by part and name of the input. If an input changes, its part is
-    # computed again.
+    # The hash or version of each input, by part and by name of the input. If an input changes, the part that
+    # depends on it is computed again.
     inputs: dict[Name, dict[Name, str]] = Field(default_factory=dict)
 
     @property
     def model_asset(self) -> File | None:
-        """The asset of the model; for a bake, the asset that was baked."""
+        """The asset of the model. For a bake, return the asset before the bake."""
         return self.source or self.asset
 
     @property
     def drawn_on(self) -> dict[str, Any]:
-        """The description of the device or engine that rendered; empty if unknown."""
+        """The name of the device or engine that rendered; empty if unknown."""
         device = (self.device or {}).get("device")
         return device if isinstance(device, dict) else {}
 
 
 def read_renderer_timing(path: str | os.PathLike[str]) -> RendererTiming:
-    """Return the timing of a method's own renderer in the file `path`."""
+    """Return the timing of a method's official renderer in the file `path`."""
     return validate(RendererTiming, read_json(path, _MAX_TIMING), file=path, code="RECORD_INVALID")
 
 
@@ -422,7 +430,7 @@ def read_result(path: str | os.PathLike[str]) -> Result:
 
 
 def validate_result(data: Any, *, file: object) -> Result:
-    """Return JSON data as a record whose numbers are in range and whose averages agree with its images."""
+    """Return JSON data as a record, after checking the ranges of numbers and the averages over images."""
     _raise_first(_find_huge_numbers(data), file)
     result = validate(Result, data, file=file, code="RECORD_INVALID")
     _raise_first(() if result.quality is None else _find_quality_errors(result.quality), file)
@@ -430,7 +438,7 @@ def validate_result(data: Any, *, file: object) -> Result:
 
 
 def _raise_first(errors: Iterable[tuple[str, str]], file: object) -> None:
-    """Raise the first error of a sequence of (JSON pointer, text), if any."""
+    """Raise the first error in a sequence of pairs (JSON pointer, text)."""
     for pointer, text in errors:
         raise InputError("RECORD_INVALID", f"{pointer}: {text}", file=file, pointer=pointer)
 
@@ -455,7 +463,7 @@ def _get_bounds(image: ImageQuality) -> dict[str, tuple[float, float]]:
 
 
 def _find_quality_errors(quality: Quality) -> Iterator[tuple[str, str]]:
-    """Yield (JSON pointer, text) for each value that cannot be the result of a comparison of images."""
+    """Yield (JSON pointer, text) for each invalid value of an image comparison."""
     for number, identity in enumerate(quality.metrics):
         weights = identity.get("weights") if identity.get("name") == IMAGE_METRICS["lpips"].name else None
         if weights and not is_weights_record(weights):
@@ -463,7 +471,7 @@ def _find_quality_errors(quality: Quality) -> Iterator[tuple[str, str]]:
                 f"/quality/metrics/{number}/weights",
                 "the record does not identify the weights of VGG16 and the linear layers",
             )
-    # Every image has a value of each metric within its range, or is marked as equal to the photograph.
+    # Check that every image has a valid value of each metric, or is marked as equal to the photograph.
     for number, image in enumerate(quality.images):
         pointer, psnr = f"/quality/images/{number}", image.values["psnr"]
         if (psnr is None) is not image.psnr_infinite:

@@ -1,4 +1,4 @@
-"""Official renderings: find the image of each test camera, and check that the set is complete."""
+"""Find the official rendering of each test camera, and check that no image is missing."""
 
 import re
 from collections.abc import Sequence
@@ -19,7 +19,8 @@ from msb.scenes import Camera
 from msb.scenes.image_size import IMAGE_SUFFIXES as PHOTOGRAPHS
 from msb.scenes.image_size import image_size
 
-# An optional file in the format of ``sha256sum``. If the file exists, it must list the hash of every image.
+# Name of an optional file in the format of ``sha256sum``. If this file exists, it must list the hash of every
+# image.
 SUMS = "SHA256SUMS"
 # Maximum size of SHA256SUMS in bytes, enough for a hundred thousand lines.
 _MAX_SUMS = 16 << 20
@@ -33,10 +34,10 @@ class Renders:
 
     # One file per camera, in the order of the cameras.
     files: tuple[Path, ...]
-    # "name": images have the names of the photographs. "number": they are called 00000, 00001, ... in the
-    # order of the test views, as code derived from 3DGS writes them.
+    # Matching by "name": images have the names of the photographs. Matching by "number": images are called
+    # 00000, 00001, ... in the order of the test views, as in code derived from 3DGS.
     matched_by: Literal["name", "number"]
-    # Path, size, and the SHA-256 of the list of hashes of the images.
+    # Path and size of the folder, and the SHA-256 of its list of file hashes.
     folder: File
 
 
@@ -60,7 +61,7 @@ def find_renders(folder: Path, cameras: Sequence[Camera]) -> Renders:
 
 
 def measure_size(path: Path) -> tuple[int, int]:
-    """Return width and height of a rendering in pixels; only the header of a PNG or JPEG is read."""
+    """Return width and height of a rendering in pixels. Only the header of a PNG or JPEG is read."""
     if path.suffix.lower() in PHOTOGRAPHS:
         return image_size(path)
     height, width = read_image(path).shape[:2]

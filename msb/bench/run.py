@@ -1,7 +1,7 @@
 """A run: export and bake models, write ground truth, compute cells, take timings and write films.
 
-Each stage submits tasks to the workers and continues if a task fails. Finished work is on disk, so a run that
-was interrupted continues when it is started again.
+Each stage submits tasks to the workers, and continues if a task fails. Finished work is stored on disk, so an
+interrupted run continues when it is started again.
 """
 
 import contextlib
@@ -38,10 +38,10 @@ _INTERNAL_STATUS = 70
 
 
 class Watch(Protocol):
-    """The interface for progress reports of a run."""
+    """Receives progress reports of a run."""
 
     def stage(self, stage: Stage) -> AbstractContextManager[Callable[[str], None]]:
-        """Enter a stage; the yielded function is called with the name of each finished task."""
+        """Enter a stage. Call the yielded function with the name of each finished task."""
         return contextlib.nullcontext(lambda _name: None)
 
     def note(self, text: str) -> None:
@@ -55,14 +55,14 @@ class _SilentWatch(Watch):
 
 @dataclass(frozen=True)
 class CellOutcome:
-    """The outcome of one cell in a run."""
+    """The outcome of one benchmark cell in a run."""
 
     planned: Planned
-    # The current record; None in a dry run if there is no record.
+    # The current record; None if a dry run finds no record.
     result: Result | None
-    # Time that the run spent on the cell.
+    # The reason for each missing part of the cell.
     seconds: float
-    # Why the cell ("cell") or one of its parts is missing.
+    # The reason for each missing part of the cell. The reason for the whole cell has the key "cell".
     reasons: Mapping[str, Reason]
 
 
@@ -71,7 +71,7 @@ class Report:
     """The outcome of a run."""
 
     rows: tuple[CellOutcome, ...]
-    # The errors about unreadable models of unknown method, by the path of the model.
+    # Errors about models that cannot be read, by the path of the model.
     models: Mapping[str, Reason]
     seconds: float
     # The missing inputs of a dry run.
@@ -79,9 +79,9 @@ class Report:
 
     @property
     def exit_status(self) -> int:
-        """The highest exit status of all failures; an unsupported condition is not a failure.
+        """The highest exit status of all failures. An unsupported condition is not a failure.
 
-        A dry run with any missing input has status 3.
+        A dry run with a missing input has the status 3.
         """
         if self.missing:
             return EXIT_STATUS[InputError]
@@ -109,8 +109,8 @@ def run_protocol(
     """Evaluate the cells of a protocol that are not finished yet.
 
     The tasks run in `jobs` processes on this machine, or on the workers of a Dask `scheduler`. `only` selects
-    cells (`msb.bench.plan.is_selected`), and `redo` computes finished parts again. A `dry` run computes and
-    writes nothing; its report contains the plan and the missing inputs.
+    cells (`msb.bench.plan.is_selected`), and `redo` computes finished parts again. A `dry` run does not
+    compute or write results. The report of a dry run contains the plan and the missing inputs.
     """
     start = time.perf_counter()
     watch = watch or _SilentWatch()
@@ -156,7 +156,7 @@ def _run_dry(
     except MsbError as error:
         errors.append(error)
     results = Results(file.results)
-    # A dry run exports no models, so it knows only the models of an earlier run.
+    # A dry run does not export models. The dry run uses the models that an earlier run has exported.
     folder_errors: dict[str, MsbError] = {}
     pairs = find_pairs(file, only, folder_errors)
     models: dict[Pair, ModelAsset | Exception] = {}
@@ -180,11 +180,11 @@ class _Run:
     def __init__(self, file: ProtocolFile, run: str, workers: Workers, watch: Watch) -> None:
         self.file, self.run, self.workers, self.watch = file, run, workers, watch
         self.results = Results(file.results)
-        # Seconds that this run spent on each cell.
+        # Seconds spent on each cell in this run.
         self.spent: dict[Cell, float] = {}
 
     def execute(self, only: Sequence[str], redo: bool, start: float) -> Report:
-        """Run all stages, and return the report; `start` is the time of the start of the run."""
+        """Run all stages, and return the report. The run started at the time `start`."""
         pairs = find_pairs(self.file, only)
         models = self.prepare_models(pairs)
         reader = InputReader(_find_device(self.workers, self.file.protocol.device))
@@ -225,14 +225,17 @@ class _Run:
         return Report(rows, unknown, time.perf_counter() - start)
 
     def prepare_models(self, pairs: Sequence[Pair]) -> dict[Pair, ModelAsset | Exception]:
-        """Export all models, and return the model of each pair or the error about it."""
+        """Export all models.
+
+        For each pair of method and scene, return the model or the error about the model.
+        """
         tasks = {pair: pair.task(self.file.results, self.run) for pair in pairs}
         unique = list(dict.fromkeys(task for task in tasks.values() if task is not None))
         models = dict(self.run_tasks("models", prepare_model, unique))
         return {pair: models[task] for pair, task in tasks.items() if task is not None}
 
     def make_bakes(self, planner: Planner, cells: list[Planned]) -> list[Planned]:
-        """Compute the missing bakes, and return the plan with their cells."""
+        """Compute the missing bakes, and return the plan with the cells of the bakes."""
         tasks = [planned.bake for planned in cells if planned.bake is not None]
         bakes = {id(task): answer for task, answer in self.run_tasks("bakes", make_bake, tasks)}
         for planned in cells:
@@ -247,7 +250,7 @@ class _Run:
         ]
 
     def write_scene_cameras(self, cells: Sequence[Planned]) -> None:
-        """Write the cameras of each scene beside its assets, so that later commands use them."""
+        """Write the cameras of each scene beside the assets of the scene, for use by later commands."""
         jobs = [planned.job for planned in cells if planned.job is not None]
         scenes = {Path(job.model.asset.path).parent: job.scene for job in jobs if job.model is not None}
         for folder, at in scenes.items():
@@ -283,7 +286,7 @@ class _Run:
     def compute_cells(
         self, stage: str, jobs: list[Job], then: Sequence[str], *, alone: bool = False
     ) -> set[str]:
-        """Compute jobs, and return the names of the failed ones."""
+        """Compute jobs, and return the names of the failed jobs."""
         failed = set()
         for job, answer in self.run_tasks(stage, compute, jobs, then, alone=alone):
             if isinstance(answer, JobOutcome):
@@ -302,7 +305,7 @@ class _Run:
         write_result(self.results.cell(planned.cell), result)
 
     def update_notes(self, job: Job) -> None:
-        """Write the record of a finished cell again if only the notes on its training changed."""
+        """Write the record of a finished cell again if its notes on the training have changed."""
         result = self.results.read(job.cell)
         if result.trained != job.trained:
             write_result(job.folder, result.model_copy(update={"trained": job.trained}))
@@ -313,7 +316,7 @@ class _Run:
         if options is None:
             return
         jobs = [planned.job for planned in cells if planned.job is not None]
-        # Grids are planned after the films that they consist of have been written.
+        # A grid combines the films of several methods. Therefore plan grids after the films are written.
         for write, plan in ((write_video, plan_videos), (write_grid, plan_grids)):
             for task, answer in self.run_tasks("videos", write, plan(options, jobs)):
                 if isinstance(answer, Exception):
@@ -328,9 +331,9 @@ class _Run:
         *,
         alone: bool = False,
     ) -> Iterator[tuple[Any, Any]]:
-        """Compute the tasks of a stage, and yield each with its result or exception.
+        """Compute the tasks of a stage. Yield each task with its result or exception.
 
-        An error of the whole cluster is raised. `then` are the names of the stages that follow.
+        An error of the whole cluster is raised. List the following stages in `then`.
         """
         if not tasks:
             return
@@ -349,7 +352,7 @@ class _Run:
 
 
 def _find_kind(task: Any) -> str:
-    """Return the kind of a task; tasks of one kind take about the same time."""
+    """Return the kind of a task. Tasks of one kind take about the same time."""
     if isinstance(task, Job):
         return " ".join((task.cell.condition_key, *task.parts))
     if isinstance(task, BakeTask):
@@ -358,13 +361,13 @@ def _find_kind(task: Any) -> str:
 
 
 def _split_timing(job: Job, *, timing: bool) -> Job:
-    """Return a job with only its timing, or with all parts except the timing."""
+    """Return a job that computes only the timing, or all parts except the timing."""
     parts = {part: inputs for part, inputs in job.parts.items() if (part == "timing") is timing}
     return replace(job, parts=parts)
 
 
 def _make_outcome(results: Results, planned: Planned, seconds: float) -> CellOutcome:
-    """Return the outcome of a cell with its current record."""
+    """Return the outcome of a cell, including its current record."""
     try:
         result: Result | None = results.read(planned.cell)
     except MsbError:

@@ -1,8 +1,8 @@
 """The loss from Dedicated to Standard, split into three parts: colours, faces and blending.
 
-Two bakes of the same model separate the parts. Both bakes are rendered on the standard tier with one sample
-per pixel. The first bake, the ceiling, keeps the triangles and has the best static colours. No exporter that
-keeps the triangles can have a smaller loss. The second bake has new triangles.
+Two bakes of the same model separate the parts of the loss. Both bakes are rendered on the standard tier with
+one sample per pixel. The first bake (the ceiling) keeps the triangles and has the best static colours. No
+exporter that keeps the triangles can have a smaller loss. The second bake has new triangles.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ if TYPE_CHECKING:
     from msb.bench.gaps import Conditions
 
 StepName = Literal["colors", "faces", "blending"]
-# Colours: loss from the ceiling to Standard. Faces: loss from the second bake to the ceiling. Blending: loss
-# from Dedicated to the second bake.
+# Colours: the loss from the ceiling to Standard. Faces: the loss from the second bake to the ceiling.
+# Blending: the loss from Dedicated to the second bake.
 STEPS: tuple[StepName, ...] = ("colors", "faces", "blending")
 
 
 @dataclass(frozen=True)
 class Split:
-    """The parts of one loss; they cover the same scenes and add up to `total`.
+    """The parts of the loss. All parts cover the same scenes, and their sum is `total`.
 
     Attributes
     ----------
     total : Gap or None
-        The loss from Dedicated to Standard; None if the method does not have both.
+        The loss from Dedicated to Standard; None if the method lacks one of these conditions.
     steps : mapping of StepName to Gap
         The parts; positive if the condition on Dedicated's side is better.
     within : mapping of StepName to StepName
-        A part that no bake separates -> the part that includes it.
+        For a part that no bake separates, the part that includes it.
     ceiling, baked : str or None
         The conditions of the bakes that separate the parts.
     """
@@ -49,11 +49,11 @@ class Split:
 
 
 def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[str]) -> Split | None:
-    """Return the parts of the loss in `metric` of one method on a dataset, or None if it has no bake.
+    """Return the parts of the loss in `metric` of a method on a dataset, or None without a bake.
 
-    `results` holds the records by scene, then by condition. `scenes` are the expected scenes. The ceiling is
-    the bake with the best PSNR among the bakes that keep all triangles. The second bake is the best of the
-    bakes with new triangles.
+    `results` contains the records by scene, then by condition. `scenes` are the expected scenes. The ceiling
+    is the bake with the best PSNR among the bakes that keep all triangles. The second bake has the best PSNR
+    among the bakes with new triangles.
     """
     expected = tuple(scenes)
     ceiling = _find_best_bake(results, expected, kept=True)
@@ -66,8 +66,8 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
         for name, record in conditions.items()
         if record.status == "done"
     }
-    # The four conditions from the largest loss to the smallest. Each part of the loss lies between two
-    # neighbours in this order.
+    # The four conditions in the order of decreasing loss. Each part of the loss is the difference between two
+    # neighbouring conditions.
     ends = ["standard", ceiling, baked, "dedicated"]
     known = [place for place, name in enumerate(ends) if name in finished]
     pairs = {places: (ends[places[1]], ends[places[0]]) for places in pairwise(known)}
@@ -78,12 +78,12 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
         assert worse is not None
         covered = gap_between(metric, results, expected, better, worse)[1]
         common = tuple(scene for scene in common if scene in covered)
-    over = common or expected  # without a common scene, each gap states why it is missing
+    over = common or expected  # if no scene has all conditions, each gap states its reason
 
     def gap(better: str, worse: str) -> Gap:
         return replace(gap_between(metric, results, over, better, worse)[0], expected=len(expected))
 
-    # If a bake is missing, one gap stands for both parts beside it.
+    # If a bake is missing, compute one gap for both parts that the bake would separate.
     steps: dict[StepName, Gap] = {}
     within: dict[StepName, StepName] = {}
     for (low, high), (better, worse) in pairs.items():
@@ -97,9 +97,12 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
 
 
 def _find_best_bake(results: Mapping[str, Conditions], scenes: tuple[str, ...], *, kept: bool) -> str | None:
-    """Return the bake that covers the most scenes; among equals, the one with the best average PSNR.
+    """Return the bake that covers the most scenes.
 
-    With `kept`, only bakes that keep all triangles are compared; otherwise only bakes with new triangles.
+    Among bakes with equally many scenes, return the bake with the best average PSNR.
+
+    If `kept` is true, only bakes that keep all triangles are compared, otherwise only bakes with new
+    triangles.
     """
     values: dict[str, dict[str, float | None]] = {}
     changed: set[str] = set()

@@ -1,11 +1,11 @@
-"""Submissions: results packaged for publication into a single file that its receiver can verify.
+"""Submissions: benchmark results in a single file that the receiver can verify.
 
 A submission contains the published fields of the records, the commands that repeat the evaluation, and a few
-small images. Published fields are numbers, hashes, versions, and names of scenes, methods and devices.
+small images. The published fields are numbers, hashes, versions, and names of scenes, methods and devices.
 Strings that may contain a path or the name of a person are not published.
 
 The file is a ZIP archive with fixed dates, so equal results give equal bytes. The archive is not compressed,
-so a small file cannot expand to large members. The member submission.json lists the SHA-256 of all other
+so that a small file cannot expand to large members. The member submission.json lists the SHA-256 of all other
 members.
 """
 
@@ -35,7 +35,7 @@ from msb.metrics.registry import IMAGE_METRICS
 
 SCHEMA: Literal["msb.submission/1"] = "msb.submission/1"
 ABOUT = "submission.json"
-# Replaces a required string that may be private.
+# Text that replaces a private string in a required field.
 WITHHELD = "withheld"
 MOST_PICTURES = 200
 _MOST_RECORDS = 20_000
@@ -43,10 +43,10 @@ _MOST_RECORDS = 20_000
 _MAX_FILE = 1 << 30
 _MAX_ABOUT = 16 << 20
 _MAX_PICTURE = 1 << 20
-# The date of every member, the earliest that ZIP can store.
+# Date of every archive member: the earliest date that ZIP can store.
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _MEMBER = re.compile(r"submission\.json|records/\d{5}\.json|pictures/\d{4}\.jpg")
-# Marks a field that is published unchanged.
+# Fields with this mark are published unchanged.
 _KEEP = object()
 
 
@@ -56,7 +56,10 @@ def _keep(*names: str) -> dict[str, Any]:
 
 
 class _Values(NamedTuple):
-    """The published fields of each value of a mapping with arbitrary keys."""
+    """The rule for a mapping with arbitrary keys.
+
+    All values of the mapping have the same published fields.
+    """
 
     fields: Any
 
@@ -69,9 +72,11 @@ _LOOK = _keep("psnr", "same") | {"why": WITHHELD}
 
 
 def _list_published_fields() -> dict[str, Any]:
-    """Return the published fields of a record by name: nested fields, `_KEEP`, or a constant.
+    """Return the published fields of a record, by the name of the field.
 
-    A constant replaces any value except None.
+    The rule for a field is a nested mapping, `_KEEP`, or a constant.
+
+    If a field has a constant, every value except None is replaced by the constant.
     """
     metrics = dict.fromkeys(IMAGE_METRICS, _KEEP)
     image = {**_keep("name", "width", "height", "psnr_infinite", "sha256"), "file": WITHHELD, "gt": WITHHELD}
@@ -137,7 +142,7 @@ def _list_published_fields() -> dict[str, Any]:
 
 
 def _select(data: Any, fields: Any) -> Any:
-    """Return JSON data reduced to its published fields."""
+    """Return JSON data without the fields that are not published."""
     if data is None or fields is _KEEP:
         return data
     if isinstance(data, list):
@@ -150,7 +155,7 @@ def _select(data: Any, fields: Any) -> Any:
 
 
 class SubmittedImage(Record):
-    """An image in a submission; without a condition it is the photograph."""
+    """An image in a submission. Photographs have no condition."""
 
     file: Name
     dataset: Name
@@ -166,7 +171,7 @@ class About(Record):
     """The content of submission.json: the submitter, the commands, and the SHA-256 of every other member."""
 
     schema_: Literal["msb.submission/1"] = Field(default=SCHEMA, alias="schema")
-    # The name of the submitter, in a form of their choice.
+    # The name of the submitter, as free text.
     name: Annotated[str, Field(min_length=1, max_length=60)]
     tool_version: Name
     # Hash of the package's code on the submitter's machine (`code_sha256`).
@@ -179,7 +184,7 @@ class About(Record):
 
 @dataclass(frozen=True)
 class Submission:
-    """A submission that has been read and verified."""
+    """A submission that was read and verified."""
 
     path: Path
     sha256: str
@@ -200,12 +205,12 @@ def write_submission(
         The name of the submitter.
     records : sequence of Result
     pictures : sequence of (SubmittedImage, bytes)
-        JPEG images; only the first `MOST_PICTURES` are used. Their file names are assigned here.
+        JPEG images; only the first `MOST_PICTURES` are used. The file names of the images are assigned here.
     """
     ordered = sorted(records, key=lambda record: record.cell.names)
     fields = _list_published_fields()
     members: dict[str, bytes] = {}
-    # Records are validated as their receiver will validate them.
+    # Validate each record as the receiver does.
     for number, record in enumerate(ordered):
         data = _select(json.loads(record.to_json()), fields)
         text = json.dumps(data, ensure_ascii=False, sort_keys=True, separators=(",", ":"), allow_nan=False)
@@ -235,7 +240,7 @@ def code_sha256() -> str:
 
 
 def _make_commands(records: Sequence[Result]) -> Iterator[str]:
-    """Yield a command for each model that evaluates the model again."""
+    """Yield, for each model, a command that repeats its evaluation."""
     # The records of all conditions, by dataset, scene and model.
     models: dict[tuple[str, ...], list[Result]] = {}
     for record in records:
@@ -251,7 +256,10 @@ def _make_commands(records: Sequence[Result]) -> Iterator[str]:
 
 
 def make_archive(members: Mapping[str, bytes]) -> bytes:
-    """Return a ZIP archive of members (name -> content); equal members give equal bytes."""
+    """Return a ZIP archive of members, given as content by name.
+
+    Return a ZIP archive of members, given as content by name. The bytes depend only on the members.
+    """
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
         for name, data in members.items():
@@ -262,7 +270,7 @@ def make_archive(members: Mapping[str, bytes]) -> bytes:
 
 
 class _Members(Policy):
-    """The rules for the members of a submission: uncompressed files with one of three kinds of names."""
+    """Rules for the members of a submission: uncompressed files with one of three kinds of names."""
 
     max_members = 1 + _MOST_RECORDS + MOST_PICTURES
 
@@ -285,7 +293,7 @@ class _Members(Policy):
 
 
 def is_submission(path: Path) -> bool:
-    """Return whether the file extension of a path is that of a submission."""
+    """Return whether a path has the file extension of submissions."""
     return path.suffix.lower() == ".zip"
 
 
@@ -296,7 +304,7 @@ def read_submission(path: Path) -> Submission:
     ------
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE. RECORD_INVALID if the file is not an archive in the format of
-        `write_submission`, or if a member is missing, unlisted, too large, invalid, or has another hash.
+        `write_submission`. A missing, unlisted, too large, invalid or changed member is the same error.
     """
     data = map_file(path, _MAX_FILE + 1)
     if len(data) > _MAX_FILE:
@@ -312,7 +320,7 @@ def read_submission(path: Path) -> Submission:
     def parse_member(name: str, most: int) -> Any:
         return parse_json(read_member(name, most), most, file=f"{path}: {name}")
 
-    # The list must name exactly the members of the archive.
+    # The list must name all members of the archive, and no others.
     if ABOUT not in members:
         raise _make_error(path, f"the archive has no {ABOUT}; submissions are written by msb submit")
     about = validate(About, parse_member(ABOUT, _MAX_ABOUT), file=path, code="RECORD_INVALID")
@@ -320,7 +328,7 @@ def read_submission(path: Path) -> Submission:
         raise _make_error(
             path, f"{shorten(min(others), 60)} is in the list or in the archive, but not in both"
         )
-    # Every member must have the listed hash and be valid.
+    # Every member must be valid and have the listed hash.
     records, pictures = [], {}
     for name, sha256 in about.files.items():
         if hashlib.sha256(read_member(name, MAX_BYTES)).hexdigest() != sha256:

@@ -24,7 +24,7 @@ from msb.bench.records import RendererTiming
 from msb.bench.validation import Amount, Count, Record, read_json, validate
 from msb.errors import InputError
 
-# Seconds between two measurements of memory.
+# Seconds between two memory measurements.
 INTERVAL = 0.2
 WHOLE_COMMAND = "whole command, including loading and writing"
 # Maximum size of a record in bytes.
@@ -40,27 +40,27 @@ class Track(Record):
     started: str
     ended: str
     seconds: Amount
-    # The command's exit status, or 128 + n if signal n ended it.
+    # The command's exit status, or 128 + n if signal n ended the command.
     exit_status: int
-    # Peak of the sum over all GPUs, in bytes.
+    # Peak of the memory summed over all GPUs, in bytes.
     peak_gpu_memory_bytes: Count | None
-    # "processes": memory that NVML reports for the processes of the command. "device": growth of the memory
-    # in use on the whole device, if NVML cannot distinguish processes on every GPU. This number includes
-    # other programs on the device.
+    # "processes" means the memory that NVML reports for the processes of the command. "device" means the
+    # growth of memory on the whole device. The growth is used if NVML cannot distinguish the processes of
+    # every GPU. The growth on the whole device includes other programs.
     gpu_source: Literal["processes", "device"] | None
-    # Why the memory is unknown.
+    # The reason that the peak GPU memory is unknown.
     gpu_reason: str | None
     gpus: tuple[Gpu, ...]
     # Peak of the sum of the resident sets of the command and its child processes, in bytes.
     peak_host_memory_bytes: Count | None
-    # Seconds between two measurements of memory; a shorter peak may be missed.
+    # Seconds between two memory measurements; a shorter peak may be missed.
     interval_seconds: Amount
     machine: dict[str, Any]
     tool_version: str
 
 
 class TrainingLog(Record):
-    """The file `training.json` of our trainer (docs/training.md); only these keys are read."""
+    """The file `training.json` of our trainer (docs/training.md). Other keys of the file are ignored."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -84,7 +84,10 @@ def read_track(path: Path) -> Track:
 
 
 def make_renderer_timing(record: Track, frames: int) -> RendererTiming:
-    """Return the timing of a renderer whose command drew `frames` images; its time is an upper bound."""
+    """Return the timing of a renderer whose command drew `frames` images.
+
+    The command's time is an upper bound.
+    """
     device = ", ".join(gpu.name for gpu in record.gpus) or str(record.machine.get("host", "unknown"))
     return RendererTiming(
         frames=frames,
@@ -99,7 +102,7 @@ def make_renderer_timing(record: Track, frames: int) -> RendererTiming:
 def track(command: Sequence[str], *, interval: float = INTERVAL) -> Track:
     """Run a program with its arguments, without a shell, and return its time and memory.
 
-    The program inherits the standard streams, and receives the signals that this process gets. `interval` is
+    The program inherits the standard streams, and receives the signals sent to this process. `interval` is
     the time between two measurements of memory in seconds.
     """
     need_extra("bench", "psutil", what="tracking a command")
@@ -121,7 +124,7 @@ def track(command: Sequence[str], *, interval: float = INTERVAL) -> Track:
     monitor.stop()
     peak, source, reason = gpus.result()
     return Track(
-        # Arguments may be arbitrary bytes, but JSON must be valid text.
+        # Replace invalid bytes in arguments, because JSON needs valid text.
         command=tuple(word.encode(errors="backslashreplace").decode() for word in command),
         started=started.isoformat(timespec="seconds"),
         ended=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -178,22 +181,22 @@ class _MemoryMonitor(threading.Thread):
 
 @contextlib.contextmanager
 def _forward_signals() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
-    """Forward signals to the child process that is passed to the yielded function; main thread only.
+    """Forward signals to a child process. Pass the child process to the yielded function.
 
-    A signal that arrives before the child is known is forwarded later. A signal that this process ignores,
-    for example under nohup, gets no handler, so the child ignores it too.
+    A signal that arrives before the child process is known is forwarded later. If this process ignores a
+    signal, for example under nohup, the child process ignores it too.
     """
     children: list[subprocess.Popen[bytes]] = []
     early: list[int] = []
 
     def send(number: int) -> None:
-        with contextlib.suppress(OSError, ValueError):  # Windows supports few signals
+        with contextlib.suppress(OSError, ValueError):  # Windows supports only a few signals
             children[0].send_signal(number)
 
     def forward(number: int, _frame: object) -> None:
         if not children:
             early.append(number)
-        # The terminal sends Ctrl-C to all processes of the foreground group, including the child.
+        # The terminal sends Ctrl-C to all processes of the foreground group, including the child process.
         elif number != signal.SIGINT or not _is_in_foreground():
             send(number)
 
@@ -218,7 +221,7 @@ def _forward_signals() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
 def _is_in_foreground() -> bool:
     """Return whether this process is in the foreground group of its terminal.
 
-    On Windows an interrupt reaches all processes of a console, so the result is always true.
+    On Windows, an interrupt reaches all processes of a console.
     """
     if sys.platform == "win32":
         return True

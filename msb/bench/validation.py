@@ -1,4 +1,4 @@
-"""Validate JSON and TOML files against pydantic models; an invalid file gives one clear error line."""
+"""Validate JSON and TOML files against pydantic models. An invalid file gives one clear error line."""
 
 import difflib
 import json
@@ -28,7 +28,7 @@ class Record(BaseModel):
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Self:
-        """Return a record from data of this program; lists are accepted as tuples."""
+        """Return a record from trusted data, which may contain lists in place of tuples."""
         return cls.model_validate(data, strict=False)
 
     def to_json(self) -> bytes:
@@ -37,7 +37,7 @@ class Record(BaseModel):
 
 
 def read_bytes(path: str | os.PathLike[str], max_bytes: int, code: str = "RECORD_INVALID") -> bytes:
-    """Return the content of a file; a file longer than `max_bytes` raises an error with `code`."""
+    """Return the content of a file. A file longer than `max_bytes` raises an error with `code`."""
     data = read_file(path, max_bytes)
     if len(data) > max_bytes:
         raise InputError(code, f"the file is longer than {max_bytes:,} bytes", file=path)
@@ -45,23 +45,25 @@ def read_bytes(path: str | os.PathLike[str], max_bytes: int, code: str = "RECORD
 
 
 def read_json(path: str | os.PathLike[str], max_bytes: int) -> Any:
-    """Return the JSON document in a file; repeated keys, NaN and deep nesting are errors."""
+    """Return the JSON document in a file. Repeated keys, NaN and deep nesting are errors."""
     return parse_json(read_bytes(path, max_bytes), max_bytes, file=path)
 
 
 def parse_json(data: bytes, max_bytes: int, *, file: object) -> Any:
-    """Return the JSON document in `data`, with the checks of `read_json`; errors name `file`."""
+    """Return the JSON document in `data`, checked as in `read_json`. Error messages name `file`."""
     about: dict[str, Any] = {"name": "the file", "error": InputError, "code": "RECORD_INVALID"}
     return parse_strict_json(data, file=file, max_bytes=max_bytes, **about)
 
 
 def validate(model: type[ModelType], data: Any, *, file: object, code: str) -> ModelType:
-    """Return parsed JSON or TOML as a `model`; if it is invalid, raise an InputError with `code` for `file`.
+    """Return parsed JSON or TOML as a `model`.
+
+    Raise an InputError with `code` if the data of `file` is invalid.
 
     The error names the place of the first mistake as a JSON pointer, and the number of further mistakes.
     """
     try:
-        # Strict models accept a list for a tuple only when they read JSON.
+        # validate JSON text, because strict models accept lists as tuples only in JSON
         return model.model_validate_json(json.dumps(data, allow_nan=False))
     except (TypeError, ValueError) as error:
         if not isinstance(error, ValidationError):  # TOML allows dates and NaN, JSON does not
@@ -82,7 +84,7 @@ def validate(model: type[ModelType], data: Any, *, file: object, code: str) -> M
 
 
 def _find_place(data: Any, place: tuple[str | int, ...]) -> tuple[str | int, ...]:
-    """Return the place of a pydantic error as keys of the data, without pydantic's names of union members."""
+    """Return the location of a pydantic error as a list of keys."""
     parts: list[str | int] = []
     for number, part in enumerate(place):
         if isinstance(data, dict) and (part in data or number == len(place) - 1):
@@ -93,7 +95,7 @@ def _find_place(data: Any, place: tuple[str | int, ...]) -> tuple[str | int, ...
 
 
 def _describe_unknown_key(model: type[BaseModel], place: tuple[str | int, ...]) -> str:
-    """Return the message for an unknown key, with the most similar key or with all keys."""
+    """Return the message for an unknown key. The message names the most similar key, or all keys."""
     keys = _list_keys(model, place[:-1])
     similar = difflib.get_close_matches(str(place[-1]), keys, 1)
     hint = f"; did you mean {similar[0]}?" if similar else f"; known keys: {', '.join(keys)}" if keys else ""
@@ -101,7 +103,10 @@ def _describe_unknown_key(model: type[BaseModel], place: tuple[str | int, ...]) 
 
 
 def _list_keys(model: type[BaseModel], place: tuple[str | int, ...]) -> list[str]:
-    """Return the keys that `model` allows at `place`; [] if the model of that table cannot be determined."""
+    """Return the keys that `model` allows at the location `place`.
+
+    If several models are possible at `place`, the list is empty.
+    """
     current: Any = model
     for name in place:
         if isinstance(name, str):
@@ -114,7 +119,7 @@ def _list_keys(model: type[BaseModel], place: tuple[str | int, ...]) -> list[str
 
 
 def _find_models(annotation: Any) -> list[type[BaseModel]]:
-    """Return the models within a type annotation: A for list[A] | None."""
+    """Return all models in a type annotation. For list[A] | None, return A."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for part in get_args(annotation) for model in _find_models(part)]

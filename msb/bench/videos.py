@@ -1,4 +1,7 @@
-"""Films with the conditions of a method side by side, and grids of such films for all methods of a scene."""
+"""Write films with the conditions of a method side by side.
+
+Write grids of such films for all methods of a scene.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,7 @@ if TYPE_CHECKING:
 
 SCHEMA = "msb.video/1"
 PHOTOGRAPH = "photograph"
-# Height of a title divided by the height of an image.
+# Ratio of title height to image height.
 _TITLE_HEIGHT = 1 / 20
 # Minimum height of a film in pixels. Smaller images are enlarged by a whole factor.
 _MIN_HEIGHT = 240
@@ -46,9 +49,9 @@ _MAX_BYTES = 1 << 16
 class FilmTask:
     """A task for a worker: one film of a method on a scene, or a grid of all methods of a scene."""
 
-    # Dataset and scene; for the film of one method also the model.
+    # Dataset and scene of the film. For the film of one method, the names also include the model.
     names: tuple[str, ...]
-    # One job for each condition of the film, or for each method of the grid, in their order.
+    # The jobs in display order: the conditions of a film, or the methods of a grid.
     jobs: tuple[Job, ...]
     options: VideosTable
     # The hash of all inputs of the film.
@@ -56,7 +59,7 @@ class FilmTask:
 
     @property
     def name(self) -> str:
-        """The name in progress lines."""
+        """The name of the task in progress lines."""
         return " ".join(self.names)
 
     @property
@@ -66,17 +69,18 @@ class FilmTask:
 
     @property
     def is_done(self) -> bool:
-        """Whether the film exists and its inputs have not changed."""
+        """Whether the film exists with unchanged inputs."""
         return _read_description(self.path).get("inputs") == self.inputs
 
 
 def plan_videos(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
-    """Return the films to write, for finished cells whose film is missing or outdated.
+    """Return the films of finished cells to write: missing or outdated films.
 
-    A flight shows only conditions that we can render. Official renderings and photographs exist at the test
-    views only.
+    A flight shows only conditions that our renderers can draw. Official renderings and photographs exist only
+    at the test views.
     """
-    # The jobs of the conditions in each film, by dataset, scene and model.
+    # Collect the jobs of the conditions that a film shows. The keys of the dictionary are dataset, scene and
+    # model.
     groups: dict[tuple[str, ...], list[Job]] = {}
     for job in jobs:
         is_rendered = job.cell.condition in ("dedicated", "standard")
@@ -99,8 +103,8 @@ def plan_videos(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
 
 
 def plan_grids(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
-    """Return the grids to write: one for each scene with the films of at least two methods."""
-    # The first job of each model, by dataset and scene, then by model.
+    """Return the grids to write: one grid for each scene with films of at least two methods."""
+    # For each scene, collect the first job of each model.
     scenes: dict[tuple[str, str], dict[str, Job]] = {}
     for job in jobs:
         dataset, scene, model, _ = job.cell.names
@@ -117,12 +121,15 @@ def plan_grids(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
 
 
 def _get_film_path(job: Job) -> Path:
-    """Return the path of a film. It shows the model of a job in its scene."""
+    """Return the path of a film. The film shows the model of a job in its scene."""
     return Results(job.root).video(*job.cell.names[:3])
 
 
 def _read_description(film: Path) -> dict[str, Any]:
-    """Return the content of the JSON file beside a film; empty unless both files exist."""
+    """Return the content of the JSON file beside a film.
+
+    If the film or the JSON file is missing, the content is empty.
+    """
     with contextlib.suppress(MsbError):
         description = read_json(film.with_suffix(".json"), _MAX_BYTES)
         if isinstance(description, dict) and film.exists():
@@ -150,7 +157,7 @@ def write_video(task: FilmTask) -> None:
 def write_grid(task: FilmTask) -> None:
     """Write a film that stacks the films of all methods of a scene, and its description.
 
-    Methods are rows and conditions are columns.
+    Methods are rows of the film, and conditions are columns.
     """
     check_run(task.jobs[0].root, task.jobs[0].run)
     films, models = [_get_film_path(job) for job in task.jobs], [job.cell.model_name for job in task.jobs]
@@ -174,7 +181,7 @@ def _get_condition_title(cell: Cell) -> str:
 
 
 def _get_model_title(cell: Cell) -> str:
-    """Return the title of a method, after the label of the model if it has one."""
+    """Return the title of a method, preceded by the label of the model if the model has a label."""
     method = METHODS[cell.method].title if cell.method in METHODS else cell.method
     return f"{cell.label} ({method})" if cell.label else method
 
@@ -191,7 +198,7 @@ def _find_unsupported_titles(job: Job) -> set[str]:
 
 
 def _read_panels(film: Path, titles: Sequence[str]) -> Iterator[dict[str, NDArray[np.uint8]]]:
-    """Yield the images of each frame of a method's film, by the title of the condition."""
+    """For each frame of a method's film, yield the image of each condition by its title."""
     for pixels in read_film(film):
         width = pixels.shape[1] // len(titles)
         yield {title: pixels[:, n * width : (n + 1) * width] for n, title in enumerate(titles)}
@@ -205,13 +212,14 @@ def _draw_grid(
 ) -> NDArray[np.float32]:
     """Return one frame of a grid, (H, W, 3) with values from 0 to 1.
 
-    `rows` holds the images of each method, by the title of the condition. `columns` are the titles of all
-    conditions, `titles` the titles of the methods, and `absent` the titles of the conditions that each method
-    does not support.
+    `rows` holds the images of each method, by the title of the condition. List the titles of all conditions
+    in `columns`, and the titles of the methods in `titles`. For each method, list its unsupported conditions
+    in `absent`.
     """
     from PIL import Image
 
-    # All panels are scaled to the largest one. A missing one is black and says whether it is not supported.
+    # All panels are scaled to the size of the largest panel. A missing panel is black. The text in the panel
+    # states whether the method supports the condition.
     width, height = (max(panel.shape[axis] for row in rows for panel in row.values()) for axis in (1, 0))
     picture = Image.new("RGB", (width * len(columns), height * len(rows)))
     for y, (row, name, unsupported) in enumerate(zip(rows, titles, absent, strict=True)):
@@ -226,7 +234,7 @@ def _draw_grid(
 
 
 def _write_description(task: FilmTask, **axes: list[str]) -> None:
-    """Write the JSON file beside a film; `axes` are its columns and rows."""
+    """Write the JSON file beside a film. `axes` lists the columns and rows of the film."""
     description = {"schema": SCHEMA, "inputs": task.inputs, **axes, **task.options.model_dump()}
     with new_file(task.path.with_suffix(".json")) as file:
         file.write(json.dumps(description, indent=1).encode() + b"\n")
@@ -245,7 +253,7 @@ def _render_flight(
 
 
 def _read_test_frames(task: FilmTask, names: Sequence[str]) -> Iterator[list[NDArray[Any]]]:
-    """Yield the stored images of the test views, each for the same number of frames."""
+    """Yield the stored images of the test views. Each image is repeated for the same number of frames."""
     folders = [task.jobs[0].photographs, *(job.folder / "images" for job in task.jobs)]
     last, row = None, []
     for frame in range(task.options.frames):
@@ -272,7 +280,7 @@ def label_images(images: Sequence[NDArray[Any]], titles: Sequence[str]) -> NDArr
 
 
 def _draw_title(picture: Image, title: str, corner: tuple[int, int], height: int) -> None:
-    """Draw a title with its top left at a corner; the font size suits a panel of `height` pixels."""
+    """Draw a title with its top left at `corner`. The font size suits a panel of `height` pixels."""
     from PIL import ImageDraw, ImageFont
 
     size = round(height * _TITLE_HEIGHT)

@@ -36,15 +36,15 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene
 
-# Number of frames, evenly spread over the walk, that supply surface points. If a frame shows background where
-# one of these points should be visible, the pixel is a hole.
+# Number of frames that supply surface points, evenly spread over the walk. A pixel is a hole if its frame
+# shows background in place of a surface point of another frame.
 _SURFACE_FRAMES = 8
-# Brightness factor for the changes shown in the film; without it they would be invisible.
+# Brightness factor for the changes shown in the film, which would be invisible without it.
 _CHANGE_GAIN = 16
 
 
 class _FrameChange(NamedTuple):
-    """The measurements of one frame, compared with the frames before and after it."""
+    """The measurements of one frame, compared with the previous and the next frame."""
 
     # Sum of the squared changes in squared levels, and the number of compared pixels.
     squares: float
@@ -52,12 +52,12 @@ class _FrameChange(NamedTuple):
     # Numbers of pixels in holes, and of pixels that show the model or a hole.
     holes: int
     visible: int
-    # The image and its enlarged changes, both (H, W, 3) uint8.
+    # The image and its magnified changes, both (H, W, 3) uint8.
     pictures: tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 
 def plan_walk(scene: Scene, table: WalkTable) -> list[Camera]:
-    """Return the cameras of the walk of a scene: a path past the test views, away from all captured views."""
+    """Return the cameras of a scene's walk: a path near the test views, but away from all captured views."""
     views = (*scene.train, *scene.test)
     return make_walk(scene.test, views, table.frames, table.reach, table.size)
 
@@ -73,7 +73,7 @@ def measure_walk(job: Job) -> dict[str, Any]:
     cameras = plan_walk(scene, job.walk)
     squares, counted, missing, visible = 0.0, 0, 0, 0
     worst, worst_frame, film = 0.0, 0, list[_FrameChange]()
-    # The frames of the latest second. The film shows the second with the most flicker.
+    # The frames of the most recent second. The film shows the second with the most flicker.
     recent: deque[_FrameChange] = deque(maxlen=min(PACE, len(cameras) - 2))
     with open_renderer(job) as renderer:
         for number, change in enumerate(_measure_frames(renderer, cameras, scene)):
@@ -112,13 +112,13 @@ def _compute_flicker(changes: Iterable[_FrameChange]) -> float:
 
 
 def _measure_frames(renderer: Renderer, cameras: Sequence[Camera], scene: Scene) -> Iterator[_FrameChange]:
-    """Yield the measurements of every frame of a walk except the first and the last."""
-    # Surface points of a few frames reveal holes in all others.
+    """Yield the measurements of every frame of a walk except the first and the last frame."""
+    # Compute surface points of a few frames. Points that show background in another frame are holes.
     spread = [cameras[k * len(cameras) // _SURFACE_FRAMES] for k in range(min(_SURFACE_FRAMES, len(cameras)))]
     points = np.concatenate(
         [find_surface_points(frame) for frame, _ in _render_stills(renderer, spread, scene)]
     )
-    # Each frame is compared with the one before and the one after it.
+    # Compare each frame with the previous and the next frame.
     frames = _render_stills(renderer, cameras, scene)
     (before, _), (current, picture) = next(frames), next(frames)
     for after, next_picture in frames:
@@ -138,7 +138,7 @@ def _measure_frames(renderer: Renderer, cameras: Sequence[Camera], scene: Scene)
 def _render_stills(
     renderer: Renderer, cameras: Sequence[Camera], scene: Scene
 ) -> Iterator[tuple[PreparedFrame, NDArray[np.uint8]]]:
-    """Yield each frame with its depth, and its image as (H, W, 3) uint8."""
+    """Yield each frame with its depth and with its image as (H, W, 3) uint8."""
     for camera in cameras:
         frame = renderer.render(camera, scene.background)
         yield prepare_frame(camera, frame.image, frame.alpha, frame.depth), to_bytes(frame.image)

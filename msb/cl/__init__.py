@@ -1,6 +1,8 @@
-"""OpenCL devices, programs, buffers, timing, scan and sort. This package does not depend on assets.
+"""OpenCL devices, programs, buffers, timing, scan and sort. This package does not depend on `.triasset`
+files.
 
-An import of it loads neither pyopencl nor a platform. Both are loaded when the first device is opened.
+Importing this package loads neither pyopencl nor a platform. The first opened device loads pyopencl and its
+platform.
 """
 
 from msb.cl.buffers import Buffer

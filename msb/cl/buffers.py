@@ -19,15 +19,15 @@ from msb.errors import DeviceError
 
 Shape = int | tuple[int, ...]
 
-# The default group: temporary results.
+# The group of temporary results, the default.
 SCRATCH = "scratch"
-# Minimum alignment in bytes of an array that is shared instead of copied: a cache line. Kernels use types of
-# at most 32 bytes (float8), because 64-byte types crash in the PoCL wheel.
+# Minimum alignment, in bytes, of a host array that is shared instead of copied: one cache line. Kernels use
+# types of at most 32 bytes (float8), because 64-byte types crash in the PoCL wheel.
 _SAFE_ALIGNMENT = 64
 
 
 class Allocation:
-    """A block of device memory with the name of its use. Buffers are views of it."""
+    """A block of device memory with a text that describes its use. Buffers are views of allocations."""
 
     def __init__(self, handle: Any, use: str, group: str) -> None:
         self.handle = handle
@@ -36,17 +36,17 @@ class Allocation:
         self.nbytes: int = handle.size
 
     def release(self) -> None:
-        """Release the memory; queued commands that use it still complete."""
+        """Release the memory; queued commands that use the memory still complete."""
         if self.handle is not None:
             self.handle.release()
             self.handle = None
 
 
 class Buffer:
-    """An array on the device, with `shape`, `dtype` and use.
+    """An array on the device, with a `shape`, a `dtype` and a text that describes its use.
 
-    Like a NumPy array it may be empty. Its memory is released with the last reference to it, by `release`, or
-    with its device.
+    Like a NumPy array, a buffer may be empty. The memory is freed with the last reference to the buffer, by
+    `release`, or with the device.
     """
 
     def __init__(self, memory: Memory, allocation: Allocation, shape: Shape, dtype: DTypeLike) -> None:
@@ -57,12 +57,12 @@ class Buffer:
 
     @property
     def use(self) -> str:
-        """The use of the memory in words."""
+        """The use of the memory as text."""
         return self.allocation.use
 
     @property
     def group(self) -> str:
-        """The group of the use."""
+        """The group of this use, for example "scratch"."""
         return self.allocation.group
 
     @property
@@ -72,7 +72,7 @@ class Buffer:
 
     @property
     def nbytes(self) -> int:
-        """Size of the array in bytes. The allocated memory may be larger."""
+        """Size of the array in bytes. The allocated memory may be larger than the array."""
         return self.size * self.dtype.itemsize
 
     @property
@@ -84,20 +84,20 @@ class Buffer:
         return self.allocation.handle
 
     def view(self, shape: Shape, dtype: DTypeLike) -> Buffer:
-        """Return another array on the same memory, from its start."""
+        """Return a buffer with this shape and dtype on the same memory, which starts at the first byte."""
         other = Buffer(self._memory, self.allocation, shape, dtype)
         if other.nbytes > self.allocation.nbytes:
             raise ValueError(
-                f"{self.use}: {other.nbytes} bytes exceed the {self.allocation.nbytes} bytes here"
+                f"{self.use}: {other.nbytes} bytes exceed the {self.allocation.nbytes} bytes of this buffer"
             )
         return other
 
     def read(self, out: NDArray[Any] | None = None, *, start: int = 0) -> NDArray[Any]:
-        """Copy the elements from `start` on to the host, after all queued commands.
+        """Wait for all queued commands, then copy the elements from index `start` to the host.
 
-        `out` is filled and returned; it must be C-contiguous and have the same dtype. Without it the result
-        is a new array, with the shape of the buffer if `start` is 0. Pass the same `out` to repeated reads,
-        because the first access to new memory takes longer than the copy.
+        The function fills and returns `out`, a C-contiguous array with the dtype of the buffer. Without
+        `out` the result is a new array, which has the shape of the buffer if `start` is 0. Pass the same
+        `out` to repeated reads, because the first access to new memory takes longer than the copy.
         """
         if out is None:
             shape = self.shape if start == 0 else (self.size - start,)
@@ -112,7 +112,7 @@ class Buffer:
         return out
 
     def write(self, array: NDArray[Any], *, start: int = 0) -> None:
-        """Copy a C-contiguous array of the same dtype to the elements from `start` on."""
+        """Copy a C-contiguous host array of the same dtype into the buffer, beginning at index `start`."""
         self._check_host(array, start)
         if array.size:
             offset, queue = start * self.dtype.itemsize, self._memory.queue
@@ -122,7 +122,7 @@ class Buffer:
             )
 
     def copy(self, other: Buffer, *, start: int = 0) -> None:
-        """Queue a copy of another buffer of the same dtype to the elements from `start` on."""
+        """Queue a copy of another buffer of the same dtype into this buffer, beginning at index `start`."""
         if other.dtype != self.dtype:
             raise TypeError(f"{self.use}: requires a buffer of {self.dtype}, not {other.dtype}")
         self._check_range(other.size, start)
@@ -136,7 +136,7 @@ class Buffer:
             )
 
     def fill(self, value: complex = 0) -> None:
-        """Queue a command that sets all elements to `value`. The function does not wait for it."""
+        """Queue a command that sets all elements to `value`. The function does not wait for this command."""
         if self.size:
             pattern, queue = np.asarray(value, self.dtype), self._memory.queue
             queue.submit(
@@ -146,9 +146,10 @@ class Buffer:
 
     @contextlib.contextmanager
     def mapped(self) -> Iterator[NDArray[Any]]:
-        """Yield the content as a read-only host array that is valid only within the block.
+        """Yield the content as a read-only host array, valid only within the ``with`` block.
 
-        No copy is made if host and device share memory. Otherwise the content is read.
+        No copy is made if host and device share memory. If host and device have separate memories, the
+        content is copied to the host.
         """
         queue = self._memory.queue
         if not queue.record.host_unified or not self.size:
@@ -173,7 +174,7 @@ class Buffer:
             mapped[0].base.release()
 
     def release(self) -> None:
-        """Release the memory now. Afterwards neither this buffer nor any view of it can be used."""
+        """Release the memory now. After this call, neither this buffer nor any view of it can be used."""
         self.allocation.release()
 
     def _check_host(self, array: NDArray[Any], start: int) -> None:
@@ -183,13 +184,15 @@ class Buffer:
 
     def _check_range(self, size: int, start: int) -> None:
         if start < 0 or start + size > self.size:
-            raise ValueError(f"{self.use}: elements {start} to {start + size} exceed the size {self.size}")
+            raise ValueError(
+                f"{self.use}: elements {start} to {start + size} exceed the buffer size {self.size}"
+            )
 
 
 class Memory:
     """The buffers of one user of a device.
 
-    The account checks limits, counts the bytes of each use, and reuses scratch buffers.
+    The account checks memory limits, counts the bytes of each purpose, and reuses scratch buffers.
     """
 
     def __init__(self, queue: Queue) -> None:
@@ -198,11 +201,11 @@ class Memory:
         self._pool: dict[str, Buffer] = {}
 
     def by_use(self) -> dict[str, int]:
-        """Return the bytes that are currently allocated for each use, sorted by name."""
+        """Return the bytes that are currently allocated for each purpose, sorted by name."""
         return bytes_by_use(self._allocations)
 
     def groups(self) -> dict[str, str]:
-        """Return the group of each use, for the same uses as `by_use`."""
+        """Return the group of each purpose, for the same purposes as `by_use`."""
         return {block.use: block.group for block in list(self._allocations) if block.handle is not None}
 
     def allocate(self, shape: Shape, dtype: DTypeLike, use: str, group: str = SCRATCH) -> Buffer:
@@ -210,9 +213,11 @@ class Memory:
         return self._register(shape, dtype, use, group, self.queue.cl.mem_flags.READ_WRITE)
 
     def upload(self, array: NDArray[Any], use: str, group: str = SCRATCH) -> Buffer:
-        """Return a read-only buffer with the content of `array`, without a copy if that is safe."""
+        """Return a read-only buffer with the content of `array`, without a copy if sharing is safe."""
         if array.dtype.kind not in "iuf" or not array.dtype.isnative:
-            raise TypeError(f"{use}: a device holds native integers and floats, not {array.dtype}")
+            raise TypeError(
+                f"{use}: a device array holds integers and floats in native byte order, not {array.dtype}"
+            )
         array = np.ascontiguousarray(array)
         flags = self.queue.cl.mem_flags
         if self._can_share(array):
@@ -224,7 +229,7 @@ class Memory:
         return buffer
 
     def share(self, array: NDArray[Any], use: str, group: str = SCRATCH) -> Buffer:
-        """Return a buffer on the memory of `array` if that is safe, otherwise a buffer with a copy."""
+        """Return a buffer on the memory of `array` if sharing is safe, otherwise a buffer with a copy."""
         flags = self.queue.cl.mem_flags
         if self._works_in_place() and array.size and array.flags.c_contiguous and array.flags.aligned:
             access = flags.READ_WRITE if array.flags.writeable else flags.READ_ONLY
@@ -237,14 +242,14 @@ class Memory:
     def scratch(self, name: str, shape: Shape, dtype: DTypeLike, group: str = SCRATCH) -> Buffer:
         """Return the pool buffer `name` as an array of this shape, with undefined content.
 
-        The memory is reused from call to call while it is large enough. If it must grow, it is released, and
-        buffers returned earlier under this name become invalid.
+        Calls with the same name return the same memory if it is large enough. A pool buffer that is too small
+        is freed and allocated again. Buffers returned earlier under its name become invalid.
         """
         nbytes = _count_bytes(shape, dtype)
         pooled = self._pool.get(name)
         if pooled is None or pooled.nbytes < nbytes:
             if pooled is not None:
-                self._pool.pop(name).release()  # first, so that both need not fit
+                self._pool.pop(name).release()  # free the old memory first, because both blocks might not fit
             size = _round_up(nbytes)
             size = size if size <= self._limit() else nbytes
             pooled = self._pool[name] = self.allocate(size, np.uint8, name, group)
@@ -270,9 +275,9 @@ class Memory:
         return sum(bytes_by_use(self.queue.allocations).values())
 
     def _works_in_place(self) -> bool:
-        # PoCL works directly on host memory. Other platforms may keep a copy and write it back when the
-        # buffer is mapped. Intel does so for some alignments, and then crashes if the memory is a file that
-        # is mapped read-only.
+        # PoCL works directly on host memory. Platforms other than PoCL may copy the array, and may write the
+        # copy back when the buffer is mapped. Intel's platform copies arrays of some alignments, and then
+        # crashes if the array is a read-only mapped file.
         record = self.queue.record
         return short_name(record.platform) == "pocl" and record.kind == "cpu"
 
@@ -290,7 +295,7 @@ class Memory:
         context, nbytes = self.queue.context, _count_bytes(shape, dtype)
         if nbytes > self._limit():
             raise self._too_large(use, nbytes)
-        # An OpenCL buffer cannot be empty. A shared buffer takes its size from the array.
+        # An OpenCL buffer cannot be empty. A shared buffer has the size of the host array.
         size = max(nbytes, 1) if host is None else 0
         try:
             handle = self.queue.cl.Buffer(context, flags, size, host)
@@ -312,7 +317,7 @@ class Memory:
 
 
 def bytes_by_use(allocations: Iterable[Allocation]) -> dict[str, int]:
-    """Return the bytes that are currently allocated for each use, sorted by name."""
+    """Return the bytes that are currently allocated for each purpose, sorted by name."""
     held: Counter[str] = Counter()
     for allocation in list(allocations):
         if allocation.handle is not None:
@@ -321,7 +326,7 @@ def bytes_by_use(allocations: Iterable[Allocation]) -> dict[str, int]:
 
 
 def _is_constant(array: NDArray[Any]) -> bool:
-    """Return whether the array cannot change, so that sharing it is equivalent to copying it."""
+    """Return whether the array cannot change, so that kernels may read the host memory directly."""
     base: Any = array
     while isinstance(base, np.ndarray):
         if base.flags.writeable:
@@ -342,7 +347,8 @@ def _format_mib(nbytes: int) -> str:
 
 
 def _round_up(nbytes: int) -> int:
-    """Return `nbytes` rounded up to an eighth of a power of two. A growing buffer is then rarely reallocated.
+    """Return `nbytes` rounded up to an eighth of a power of two. The rounding avoids frequent reallocation of
+    a growing buffer.
 
     >>> _round_up(1000), _round_up(1025)
     (1024, 1152)

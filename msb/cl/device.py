@@ -1,4 +1,4 @@
-"""An open device: its context, its queue, its programs and its buffers."""
+"""An open device with a context, a queue, programs and buffers."""
 
 import contextlib
 import threading
@@ -20,10 +20,10 @@ from msb.cl.timing import Timing
 class Device:
     """An OpenCL device with one in-order queue.
 
-    `open_device` opens it; `close` or the end of a ``with`` block closes it. Threads may share a device. Each
-    command is thread-safe. Put commands that belong together into a `using` or `timing` block. Other threads
-    wait during the block. `style` selects the kernels. It is `record.style` unless the caller chose another
-    style.
+    `open_device` opens it; `close` or the end of a ``with`` block closes it. Threads may share a device.
+    Commands are thread-safe. Put commands that belong together into a `using` or `timing` block. Other
+    threads wait until the ``with`` block ends. `style` selects the kernels. The style of the kernels:
+    `record.style` unless the caller chose another style.
     """
 
     def __init__(self, cl: Any, handle: Any, record: DeviceRecord, style: Style | None = None) -> None:
@@ -49,17 +49,18 @@ class Device:
         """Return a buffer that kernels read, with the content of `array` (integers or floats of any shape).
 
         PoCL shares the memory of arrays that cannot change, such as read-only memory maps, instead of copying
-        it. The bytes are counted in either case.
+        it. Memory counts include shared memory.
         """
         return self._memory.upload(array, use, group)
 
     def share(self, array: NDArray[Any], use: str = "static", group: str = SCRATCH) -> Buffer:
         """Return a buffer on the memory of `array` if PoCL runs on a CPU, otherwise a buffer with a copy.
 
-        Kernels may write to the buffer if the array is writable. Read results from the buffer, because only
-        PoCL writes them to the array. Keep the array alive and unchanged until you have called `finish` and
-        released the buffer. Kernels must not assume more alignment than the dtype has. On systems with huge
-        pages, the first access to a large NumPy array takes a fifth of the time that `allocate` needs.
+        Kernels may write to the buffer if the array is writable. Read results from the buffer, because other
+        platforms do not write them into the array. Keep the array alive and unchanged until `finish` has
+        returned and the buffer is released. Kernels must not assume an alignment above the item size of the
+        dtype. On systems with huge pages, pass a large new NumPy array: its first access takes a fifth of the
+        time of memory from `allocate`.
         """
         return self._memory.share(array, use, group)
 
@@ -72,8 +73,8 @@ class Device:
     def scratch(self, name: str, shape: Shape, dtype: DTypeLike = np.uint8, group: str = SCRATCH) -> Buffer:
         """Return the pool buffer `name` with undefined content.
 
-        The memory is reused from call to call. If it must grow, buffers returned earlier under this name are
-        released.
+        Calls with the same name reuse the memory. If a pool buffer must grow, buffers returned earlier
+        under this name are released.
         """
         return self._memory.scratch(name, shape, dtype, group)
 
@@ -88,15 +89,15 @@ class Device:
         return bytes_by_use(self._queue.allocations)
 
     def new_memory(self) -> Memory:
-        """Return a new account for the buffers that one user allocates within `using`."""
+        """Return a new account, which counts the buffers that one user allocates within `using`."""
         return Memory(self._queue)
 
     @contextlib.contextmanager
     def using(self, memory: Memory | None = None) -> Iterator[None]:
-        """Reserve the device for a block. Other threads wait.
+        """Reserve the device for a ``with`` block. Other threads wait.
 
-        Buffers allocated in the block belong to the account `memory`, which `new_memory` returned. Without
-        `memory` they belong to the device.
+        Buffers allocated in the block belong to the account `memory`, a result of `new_memory`. Without
+        `memory`, buffers allocated in the block belong to the device.
         """
         with self._lock:
             before, self._memory = self._memory, memory or self._default_memory
@@ -107,12 +108,13 @@ class Device:
 
     @property
     def failed(self) -> bool:
-        """Whether the device must be opened again, because it was closed or a command failed."""
+        """Whether the device must be opened again, because the device was closed or a command failed."""
         return self._queue.closed or self._queue.failed
 
     @contextlib.contextmanager
     def timing(self) -> Iterator[Timing]:
-        """Collect the events of the block by stage in the yielded `Timing`. Other threads wait."""
+        """Collect the events of all commands in the block, by stage, in the yielded `Timing`. Other threads
+        wait."""
         with self._lock:
             if self._queue.timing is not None:
                 raise RuntimeError("timing blocks cannot be nested")
@@ -124,7 +126,8 @@ class Device:
                 self._queue.timing = None
 
     def stage(self, name: str) -> AbstractContextManager[None]:
-        """Assign the commands of a block to the stage `name`. Outside of `timing` this has no effect."""
+        """Assign the commands of a ``with`` block to the stage `name`. Outside a `timing` block, this
+        method has no effect."""
         timing = self._queue.timing
         return contextlib.nullcontext() if timing is None else timing.as_stage(name)
 
@@ -133,7 +136,7 @@ class Device:
         self._queue.finish()
 
     def close(self) -> None:
-        """Release all programs and buffers of the device. A second call does nothing."""
+        """Release all programs and buffers of the device. A second call of `close` does nothing."""
         with self._lock:
             for allocation in list(self._queue.allocations):
                 allocation.release()

@@ -15,7 +15,7 @@ from msb.errors import DeviceError, UsageError, shorten
 
 DEVICE_VARIABLE = "MSB_DEVICE"
 PYOPENCL_VARIABLE = "PYOPENCL_CTX"
-# Kinds of devices that a selector can name instead of a platform.
+# Kinds of devices, which a selector can name instead of a platform.
 KINDS = ("cpu", "gpu")
 
 
@@ -29,11 +29,11 @@ class Choice(NamedTuple):
 
 
 class Tried(NamedTuple):
-    """A device with the result of its trial."""
+    """A device with the result of its trial. The trial builds and runs a small kernel."""
 
     record: DeviceRecord
     trial: Trial
-    # Advice to the user if the device does not build kernels, otherwise None.
+    # Advice to the user if the device cannot build kernels, otherwise None.
     advice: str | None
 
 
@@ -43,7 +43,7 @@ def list_devices() -> list[DeviceRecord]:
 
 
 def try_devices() -> list[Tried]:
-    """Build and run a small kernel on every device, even if it was tried before."""
+    """Build and run a small kernel on every device, even if an earlier result is cached."""
     tried = []
     for record, handle in find_devices(opencl()):
         trial = try_device(handle, record, again=True)
@@ -59,23 +59,24 @@ def choose_device(selector: str | None = None) -> Choice:
 def open_device(selector: str | None = None, *, style: Style | None = None) -> Device:
     """Open the device named by `selector`. The default is MSB_DEVICE, then PYOPENCL_CTX, then PoCL.
 
-    If several devices match, the first that builds kernels is opened (`msb.cl.trial`). PoCL keeps about 1 MB
-    for each program even after the device is closed. Use `shared_device` to avoid opening several devices.
+    If several devices match, the first that builds kernels is opened (`msb.cl.trial`). PoCL keeps about 1
+    MB of memory for each program even after the device is closed. Use `shared_device` to avoid opening
+    several devices.
 
     Parameters
     ----------
     selector : str, optional
         ``cpu``, ``gpu``, ``PLATFORM`` or ``PLATFORM:INDEX``. PLATFORM is the number of a platform or part of
-        its name (``pocl``, ``intel``, ``nvidia``). INDEX is the number of a device on that platform, from 0.
-        Without a selector, CPUs are preferred to GPUs, and PoCL to other CPU platforms.
+        its name (``pocl``, ``intel``, ``nvidia``). INDEX is the number of a device on the platform, counted
+        from 0. Without a selector, CPUs are preferred to GPUs, and PoCL to other CPU platforms.
     style : "cpu" | "gpu", optional
         The style of kernels, whatever the device is; for tests.
 
     Raises
     ------
     DeviceError
-        `DEVICE_NOT_FOUND`: no such device; the message lists the search and the existing devices.
-        `DEVICE_BUILD`: no matching device builds kernels; the message gives the reason and a remedy.
+        `DEVICE_NOT_FOUND`: no such device; the message lists the searched places and the existing devices.
+        `DEVICE_BUILD`: no matching device can build kernels; the message gives the reason and a remedy.
     UsageError
         `DEVICE_SELECTOR`: the selector is malformed.
     """
@@ -87,8 +88,8 @@ def open_device(selector: str | None = None, *, style: Style | None = None) -> D
 def shared_device(selector: str | None = None, *, style: Style | None = None) -> Device:
     """Return the shared device of this process, which is opened on first use and stays open.
 
-    Parameters and errors: see `open_device`. Threads take turns on the device (`Device.using`). A
-    failed device is opened again.
+    Parameters and errors are documented at `open_device`. Threads take turns on the device
+    (`Device.using`). A device with a failed command is opened again.
     """
     cl = opencl()
     choice, handle = _choose(find_devices(cl), selector)
@@ -103,16 +104,16 @@ def shared_device(selector: str | None = None, *, style: Style | None = None) ->
 
 
 _sharing = threading.Lock()
-# The open devices, each with the process that opened it. The key is the address of the platform's device, and
-# the style.
+# The open devices, each with the process that opened it. A key is the address of the platform's device and
+# the kernel style.
 _shared: dict[tuple[int, Style | None], tuple[Device, int]] = {}
 
 
 def find_devices(cl: Any) -> list[tuple[DeviceRecord, Any]]:
-    """Return all devices, each as a record and as a pyopencl device."""
+    """Return the record and the pyopencl device of every device."""
     try:
         platforms = cl.get_platforms()
-    except cl.Error:  # PLATFORM_NOT_FOUND_KHR: no platform is installed
+    except cl.Error:  # PLATFORM_NOT_FOUND_KHR means that no platform is installed
         return []
     known: list[tuple[DeviceRecord, Any]] = []
     counts: dict[str, int] = {}
@@ -168,7 +169,7 @@ def _advise(record: DeviceRecord, handle: Any, why: str) -> str:
         return f"The platform's compiler is older than this processor. {how_to_get_another()}"
     obstacle = pocl_fix.obstacle()
     detail = f" ({obstacle})" if obstacle else ""
-    text = f"The PoCL wheel dates from 2022, and its compiler does not know this processor{detail}."
+    text = f"The PoCL wheel dates from 2022, and its compiler does not support this processor{detail}."
     return f"{text} {how_to_get_another()}"
 
 
@@ -179,7 +180,7 @@ def _match(records: Sequence[DeviceRecord], selector: str, source: str) -> list[
     # PYOPENCL_CTX may list several devices, separated by commas; only the first is used.
     platform, colon, index = text.partition(",")[0].partition(":")
     if not platform or (colon and not index) or ":" in index:
-        text = f"{_quote(selector, source)} is not cpu, gpu or PLATFORM:INDEX (see msb devices)"
+        text = f"{_quote(selector, source)} is not a device selector; use cpu, gpu or PLATFORM:INDEX"
         raise UsageError("DEVICE_SELECTOR", text)
     on_platform = [record for record in records if _is_on(record, platform)]
     if not colon:
@@ -206,7 +207,8 @@ def _rank(record: DeviceRecord) -> tuple[bool, int, bool]:
 
 
 def _is_old_wheel(record: DeviceRecord) -> bool:
-    """Return whether the device belongs to the PoCL wheel. The wheel is older than the PoCL of the system."""
+    """Return whether the device belongs to the PoCL wheel. The PoCL wheel is older than the PoCL package of
+    the system."""
     return record.driver == pocl_fix.DRIVER
 
 

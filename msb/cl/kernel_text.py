@@ -1,4 +1,4 @@
-"""Source text of kernels. Includes are resolved here, so that kernels of a package in a ZIP file work."""
+"""Source text of kernels. Python code resolves includes, so that kernels of a package in a ZIP file work."""
 
 import functools
 import hashlib
@@ -9,7 +9,7 @@ from importlib import resources
 import numpy as np
 
 Define = int | float | bool | str
-# The package of our kernels, which any kernel may include.
+# The package of the shared kernel files, which kernels of all packages may include.
 OWN = "msb.cl.kernels"
 
 _INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]+"(?P<name>[A-Za-z0-9_]+\.cl)"[ \t]*(?://.*)?$')
@@ -21,9 +21,9 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\([A-Za-z0-9_, ]*\))?")
 def write_defines(defines: Mapping[str, Define]) -> str:
     """Return ``#define`` lines for `defines`, sorted by name.
 
-    Booleans become 1 and 0. Floats become the nearest single-precision number, written exactly as a
-    hexadecimal constant. Strings are inserted unchanged. Defines are part of the source. As build options
-    they would need quoting.
+    Boolean values become 1 and 0. Floats are rounded to single precision and written as exact hexadecimal
+    constants. Strings are inserted unchanged. Defines are written into the
+    source, because build options would need quoting.
 
     >>> print(write_defines({"WIDTH": 8, "FAST": True, "SCALE": 0.1}), end="")
     #define FAST 1
@@ -33,7 +33,7 @@ def write_defines(defines: Mapping[str, Define]) -> str:
     lines = []
     for name, value in sorted(defines.items()):
         if not _NAME.fullmatch(name) or (isinstance(value, str) and "\n" in value):
-            raise ValueError(f"invalid macro: {name} = {value!r}")
+            raise ValueError(f"invalid macro of a kernel: {name} = {value!r}")
         lines.append(f"#define {name} {_format_literal(value)}\n")
     return "".join(lines)
 
@@ -43,14 +43,15 @@ def _format_literal(value: Define) -> str:
         return str(int(value))
     if isinstance(value, float):
         if not np.isfinite(value):
-            raise ValueError(f"{value} cannot be written as a constant")
+            raise ValueError(f"{value} cannot be written as a constant of a kernel")
         return f"{float(np.float32(value)).hex()}f"
     return str(value)
 
 
 @functools.cache
 def kernels_hash(packages: tuple[str, ...]) -> str:
-    """Return the SHA-256 of names and texts of all kernel files in `OWN` and `packages`, sorted by name."""
+    """Return the SHA-256 of the names and texts of all kernel files in `OWN` and `packages`. Files are sorted
+    by name."""
     digest = hashlib.sha256()
     folders = dict.fromkeys((OWN, *packages))
     files = [
@@ -63,10 +64,11 @@ def kernels_hash(packages: tuple[str, ...]) -> str:
 
 @functools.cache
 def resolve(package: str, name: str) -> str:
-    """Return the text of file `name` of `package`. Every ``#include "other.cl"`` is replaced by that file.
+    """Return the text of file `name` of `package`. Every line ``#include "other.cl"`` is replaced by the
+    text of that file.
 
-    Files are searched in `package`, then in `OWN`. As in C, the text of a file that is included twice appears
-    twice. ``#line`` directives make compilers report our files and lines.
+    Files are searched in `package`, then in `OWN`. As in C, a file that is included twice appears twice in
+    the text. ``#line`` directives make compilers report our file names and line numbers.
     """
     return _resolve(package, name, ())
 

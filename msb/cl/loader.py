@@ -1,11 +1,13 @@
 """Make the OpenCL loader find every installed platform, without any settings.
 
-A loader finds platforms through ``*.icd`` files, each with the name of a library (cl_khr_icd). The loader of
-the pyopencl wheel reads the files of the system, and the files in its own folder. The PoCL wheel installs a
-file in this folder (`inducer/pyopencl`: scripts/build-wheels.sh). Two installations lack a valid file. NVIDIA
-drivers in containers have none. The files of the Intel CPU runtime from PyPI name a missing folder. For such
-an installation, this module creates a temporary folder. It has files for the installation and for the
-platforms of the system. While the loader starts, OCL_ICD_VENDORS names that folder.
+An OpenCL loader finds platforms through ``*.icd`` files, each with the name of a library (cl_khr_icd). The
+loader of the pyopencl wheel reads the ``*.icd`` files of the system and of its own folder. The PoCL wheel
+installs its ``*.icd`` file in the folder of the pyopencl loader (`inducer/pyopencl`:
+scripts/build-wheels.sh). In two cases an installed platform has no valid ``*.icd`` file. NVIDIA drivers in
+containers have no ``*.icd`` file. The ``*.icd`` files of the Intel CPU runtime from PyPI name a missing
+folder. For each such installation, this module writes a valid ``*.icd`` file into a temporary folder. The
+folder also has the ``*.icd`` files of the system. OCL_ICD_VENDORS names the temporary folder while the loader
+starts.
 """
 
 import contextlib
@@ -25,12 +27,13 @@ from typing import Any
 from msb.base.extras import install
 from msb.errors import DeviceError, shorten
 
-# Environment variable that names the folder of entries. A value set by the user is kept.
+# Environment variable that names the folder of ``*.icd`` files. A value of OCL_ICD_VENDORS set by the user
+# is kept.
 VENDOR_VARIABLE = "OCL_ICD_VENDORS"
 INTEL_PACKAGE = "intel-opencl-rt"
 INTEL_LIBRARY = "libintelocl.so"
 # Libraries that the Intel library links to, in dependency order. The package intel-cmplr-lib-rt has all
-# except TBB.
+# these libraries except TBB.
 _INTEL_NEEDS = ("libtbb.so.12", "libintlc.so.5", "libimf.so", "libirng.so", "libsvml.so")
 NVIDIA_LIBRARY = "libnvidia-opencl.so.1"
 _POCL_CACHE = "POCL_CACHE_DIR"
@@ -46,7 +49,7 @@ _platforms: list[str] = []
 
 
 def opencl() -> Any:
-    """Return the module pyopencl after starting its loader."""
+    """Return the module pyopencl after starting the OpenCL loader."""
     global _started
     with _lock:
         early = "pyopencl" in sys.modules
@@ -63,14 +66,14 @@ def opencl() -> Any:
 
 
 def notes() -> list[str]:
-    """Return sentences that tell the user about the search for platforms."""
+    """Return sentences for the user about the search for platforms."""
     return list(_notes)
 
 
 def describe_search() -> str:
-    """Return a short text about the places that were searched, and the platforms found there."""
+    """Return a short text about the searched places, and the platforms found there."""
     user = os.environ.get(VENDOR_VARIABLE)
-    place = f"{VENDOR_VARIABLE}={shorten(user)}" if user else "the system's entries and Python packages"
+    place = f"{VENDOR_VARIABLE}={shorten(user)}" if user else "system *.icd files and Python packages"
     names = ", ".join(map(shorten, _platforms))
     result = f"found {names} without a usable device" if names else "found no platform"
     return f"searched {place}; {result}"
@@ -83,7 +86,7 @@ def how_to_get_a_device() -> str:
         if cache and not _is_writable(Path(cache)):
             return f"{_POCL_CACHE}={shorten(cache)} is not writable, so PoCL has no device; unset it"
         if os.environ.get(_POCL_DEVICES):
-            return f"{_POCL_DEVICES} names no device of PoCL; unset it"
+            return f"{_POCL_DEVICES} names a device that PoCL does not have; unset it"
     user = os.environ.get(VENDOR_VARIABLE)
     if user and not Path(user).exists():
         return f"{VENDOR_VARIABLE} names a missing folder, which hides all platforms; unset it"
@@ -93,10 +96,10 @@ def how_to_get_a_device() -> str:
 def how_to_get_pocl() -> str:
     """Return a sentence with advice to get a CPU device on this machine."""
     if sys.platform == "linux" and platform.machine() == "x86_64":
-        return "install PoCL, which runs on any x86-64 processor: pip install pocl-binary-distribution"
+        return "install PoCL, which supports any x86-64 processor: pip install pocl-binary-distribution"
     return (
-        "install PoCL, which runs on any processor, from the packages of your system "
-        "(pocl-opencl-icd on Debian and Ubuntu, pocl on Fedora, conda-forge and Homebrew)"
+        "install PoCL, which supports any processor, from the packages of your system (pocl-opencl-icd on "
+        "Debian and Ubuntu, pocl on Fedora, conda-forge and Homebrew)"
     )
 
 
@@ -120,22 +123,24 @@ def _start(cl: Any, early: bool) -> None:
                     stack.enter_context(_visible({**_read_system_entries(), **registered}))
                 stack.enter_context(_writable_cache())
             except OSError as error:
-                _notes.append(f"no temporary folder for the OpenCL loader: {shorten(str(error), 200)}")
-        importlib.import_module("pyopencl.invoker")  # this opens a file in the cache
+                _notes.append(
+                    f"cannot create a temporary folder for the OpenCL loader: {shorten(str(error), 200)}"
+                )
+        importlib.import_module("pyopencl.invoker")  # this call opens a file in the cache
 
         with contextlib.suppress(cl.Error):
             for candidate in cl.get_platforms():
                 _platforms.append(candidate.name.strip())
-                candidate.get_devices()  # during this call PoCL reads the environment
+                candidate.get_devices()  # PoCL reads the environment during this call
     if INTEL_PACKAGE in registered and not any("Intel" in name for name in _platforms):
         cause = "pyopencl was loaded before msb.cl" if early else "its library cannot be loaded"
         _notes.append(f"{INTEL_PACKAGE} is installed, but its platform is missing: {cause}")
 
 
 def _find_missing_entries() -> dict[str, str]:
-    """Return the libraries, by name, of installed platforms without an entry.
+    """Return the libraries, by name, of installed platforms without an ``*.icd`` file.
 
-    Their dependencies are loaded first.
+    The dependencies of the libraries are loaded first.
     """
     user = os.environ.get(VENDOR_VARIABLE)
     known = " ".join(_read_system_entries().values())
@@ -144,7 +149,9 @@ def _find_missing_entries() -> dict[str, str]:
     if intel and INTEL_LIBRARY not in known:
         missing = _preload(intel.parent)
         if user:
-            _notes.append(f"{VENDOR_VARIABLE} is set, so {INTEL_PACKAGE} is found only if listed there")
+            _notes.append(
+                f"{VENDOR_VARIABLE} names a folder; {INTEL_PACKAGE} is found only if this folder lists it"
+            )
         elif missing:
             _notes.append(f"{INTEL_PACKAGE} requires {missing}: {install('intel')}")
         else:
@@ -157,7 +164,7 @@ def _find_missing_entries() -> dict[str, str]:
 
 
 def _read_system_entries() -> dict[str, str]:
-    """Return the libraries in the entries of the system by name, except libraries that do not exist."""
+    """Return the existing libraries, by name, that the system's ``*.icd`` files list."""
     entries: dict[str, str] = {}
     for folder in _SYSTEM_VENDORS:
         with contextlib.suppress(OSError, UnicodeDecodeError):
@@ -178,9 +185,9 @@ def _find_intel_library() -> Path | None:
 
 
 def _preload(folder: Path) -> str | None:
-    """Load the dependencies of the Intel library, so that LD_LIBRARY_PATH is not needed.
+    """Load the dependencies of the Intel library, so that users need not set LD_LIBRARY_PATH.
 
-    Return a missing library.
+    Return the name of a missing library.
     """
     for name in _INTEL_NEEDS:
         try:
@@ -192,7 +199,7 @@ def _preload(folder: Path) -> str | None:
 
 @contextlib.contextmanager
 def _visible(entries: dict[str, str]) -> Iterator[None]:
-    """During the block, make the loader read these entries and the entries in its folder."""
+    """During the block, make the loader read these ``*.icd`` files and the files in its own folder."""
     with tempfile.TemporaryDirectory(prefix="msb-opencl-") as folder:
         for name, library in entries.items():
             Path(folder, f"{name}.icd").write_text(f"{library}\n", "utf-8")
@@ -226,7 +233,7 @@ def user_cache() -> Path | None:
     given = os.environ.get("XDG_CACHE_HOME")
     try:
         return Path(given) if given else Path.home() / ".cache"
-    except RuntimeError:  # the user has no home folder
+    except RuntimeError:  # the user has no home directory
         return None
 
 

@@ -1,19 +1,20 @@
-"""Let the PoCL wheel build kernels on processors that it does not know.
+"""Let the PoCL wheel build kernels on processors that are unknown to its compiler.
 
 Purpose: after `pip install meshsplatbench`, rendering must work without a driver. The only PoCL wheel for
-x86-64 is 3.0-rc2 of 2022 with LLVM 14. The wheel asks LLVM for the name of the processor and passes it to
-clang. LLVM calls every newer processor "generic". clang then rejects each build with "unknown target CPU
-'generic'". No environment variable and no build option changes that name. Without this module, x86-64
-processors that are newer than the wheel have no OpenCL device unless a driver is installed.
+x86-64 is 3.0-rc2 of 2022 with LLVM 14. The PoCL wheel asks LLVM for the name of the processor and passes
+this name to clang. LLVM calls every newer processor "generic", and clang then rejects each build with
+"unknown target CPU 'generic'". No environment variable and no build option changes the processor name.
+Without this module, x86-64 processors that are newer than the PoCL wheel have no OpenCL device unless a
+driver is installed.
 
-Method: PoCL keeps a pointer to the name in its device structure, at byte 640 in this build of the library.
-The characters of this name are overwritten by the name of a compatible processor with the same length.
+Method: PoCL's device structure has a pointer to the processor name, at byte 640 in this build of the library.
+The module overwrites the characters of this name with the name of a compatible processor of the same length.
 
-Safety: nothing is written unless all of the following have known values. These are the versions of the wheel
-and of the driver, the file name of the library (it has a hash of the content), the offset of the pointer, and
-the name that it points to. Memory is read through /proc/self/mem, so a wrong address cannot crash the
-process. `msb.cl.trial` first builds and runs kernels with the new name in a separate process. Delete this
-module as soon as a wheel knows current processors.
+Safety: the module writes only if five facts have the expected values. The five facts are: the version of the
+wheel, the version of the driver, the file name of the library with its content hash, the offset of the
+pointer, and the name at the pointer. Memory is read through /proc/self/mem, so a wrong address cannot crash
+the process. `msb.cl.trial` first builds and runs kernels with the new processor name in a separate process.
+Delete this module as soon as a PoCL wheel knows current processors.
 """
 
 import contextlib
@@ -27,39 +28,40 @@ from typing import Any
 
 # Environment variable; the value 0 disables this module.
 FIX_VARIABLE = "MSB_MEND_POCL"
-# The name that replaces the unknown one. It stands for a processor with AVX2 and FMA. A processor name with
+# The processor name given to the compiler: a processor with AVX2 and FMA. A processor name with
 # AVX-512 would change the speed by less than 10 %.
 NAME = b"haswell"
 UNKNOWN = b"generic"
 _WHEEL = "pocl-binary-distribution"
 _WHEEL_VERSION = "3.0"
-# Version of the wheel as its driver reports it.
+# Version of the PoCL wheel as its driver reports it.
 DRIVER = "3.0-rc2"
-# The file name contains a hash of the content, added by `auditwheel`.
+# The file name of the library contains a hash of the content, added by `auditwheel`.
 _LIBRARY = "libpocl-21062cec.so"
-# Byte offset of the pointer to the name in the device structure of this build of the library.
+# Byte offset of the pointer to the processor name in the device structure of this build of the library.
 _SLOT = 640
-# Number of bytes of the device structure to check. The pointer at _SLOT must be the only pointer to that
-# name.
+# Number of bytes of the device structure to check. The pointer at _SLOT must be the only pointer to the
+# processor name.
 _STRUCTURE = 1024
 _NEEDS = frozenset(("avx2", "fma", "bmi1", "bmi2", "f16c", "movbe"))
-_LZCNT = frozenset(("abm", "lzcnt"))  # Linux calls it abm
+_LZCNT = frozenset(("abm", "lzcnt"))  # Linux reports lzcnt as abm
 _LONGEST = 64
-# Addresses of device structures with a replaced name.
+# Addresses of device structures whose processor name was replaced.
 _fixed: set[int] = set()
 
 
 def is_off() -> bool:
-    """Return whether the user disabled the fix."""
+    """Return whether the user disabled this fix."""
     return os.environ.get(FIX_VARIABLE) == "0"
 
 
 def obstacle() -> str | None:
-    """Return why the fix cannot be applied on this machine, or None. This does not check the compiler."""
+    """Return the reason why the fix cannot be applied on this machine, or None. This function does not check
+    which processor name the compiler gets."""
     if is_off():
         return f"{FIX_VARIABLE}=0 disables the fix"
     if lacking := _find_lacking():
-        return f"it cannot be treated as {NAME.decode()}, because it lacks {', '.join(lacking)}"
+        return f"the processor cannot be treated as {NAME.decode()}, because it lacks {', '.join(lacking)}"
     return None
 
 
@@ -75,7 +77,7 @@ def is_wheel(device: Any) -> bool:
 
 
 def compiler_cpu(device: Any) -> str | None:
-    """Return the processor name that the wheel passes to its compiler, or None for other platforms."""
+    """Return the processor name that the PoCL wheel passes to its compiler, or None for other platforms."""
     if not is_wheel(device):
         return None
     place = _read_pointer(device)
@@ -87,8 +89,8 @@ def compiler_cpu(device: Any) -> str | None:
 
 
 def can_apply(device: Any) -> bool:
-    """Return whether the compiler of the wheel gets an unknown name, and `NAME` is compatible with this
-    processor.
+    """Return whether the PoCL wheel does not know this processor, and this processor is compatible with
+    `NAME`.
     """
     if obstacle() or compiler_cpu(device) != UNKNOWN.decode():
         return False
@@ -101,7 +103,8 @@ def can_apply(device: Any) -> bool:
 
 
 def apply(device: Any) -> bool:
-    """Replace the name if `can_apply` allows it. Return whether the name is now `NAME`."""
+    """Replace the processor name if `can_apply` allows it. Return whether the processor name is now
+    `NAME`."""
     if can_apply(device):
         _write(device, UNKNOWN, NAME)
         _fixed.add(device.int_ptr)
@@ -109,21 +112,21 @@ def apply(device: Any) -> bool:
 
 
 def is_applied(device: Any) -> bool:
-    """Return whether the name of this device was replaced."""
+    """Return whether the processor name of this device was replaced."""
     return device.int_ptr in _fixed and compiler_cpu(device) == NAME.decode()
 
 
 def undo(device: Any) -> None:
-    """Restore the original name of the device."""
+    """Restore the original processor name of the device."""
     if is_applied(device):
         _write(device, NAME, UNKNOWN)
     _fixed.discard(device.int_ptr)
 
 
 def _write(device: Any, old: bytes, new: bytes) -> None:
-    """Overwrite the name `old` with the name `new` of the same length.
+    """Overwrite the processor name `old` with the name `new` of the same length.
 
-    If the device has another name than `old`, nothing is changed.
+    If the device has another processor name than `old`, nothing is changed.
     """
     import ctypes
 
@@ -138,7 +141,7 @@ def _read_pointer(device: Any) -> int | None:
 
 
 def _read(address: int, size: int) -> bytes | None:
-    """Return `size` bytes of this process, or None for an invalid address."""
+    """Return `size` bytes of the memory of this process, or None for an invalid address."""
     with (
         contextlib.suppress(OSError, OverflowError, ValueError),
         Path("/proc/self/mem").open("rb", 0) as memory,
@@ -167,7 +170,7 @@ def _is_mapped(file: Path) -> bool:
 
 
 def _find_lacking() -> list[str]:
-    """Return the features of `NAME` that the processor of this machine lacks."""
+    """Return the processor features of `NAME` that this machine lacks."""
     lines = []
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text("utf-8", "replace").splitlines()

@@ -1,4 +1,4 @@
-"""Build a kernel file into functions. They check their arguments and return an event."""
+"""Build a kernel file into Python functions. The functions check their arguments and return an event."""
 
 from __future__ import annotations
 
@@ -33,35 +33,37 @@ _SCALARS = {
     "float": np.float32,
     "double": np.float64,
 }
-# PoCL puts "error: " before the position in its log, all other compilers after it.
+# PoCL puts "error: " before the position in its log; all other compilers put it after the position.
 _ERROR_LINE = re.compile(
     r"^\s*(?:error: )?(?P<file>[^:\n]+):(?P<line>\d+):\d+: "
     r"(?!warning: |note: |remark: )(?:(?:fatal )?error: )?(?P<text>.+)$"
 )
-# A compiler error without a position, and the text that the platform adds around it.
+# _COMPLAINT matches a compiler error without a position. _WRAPPING matches text that the platform adds around
+# compiler errors.
 _COMPLAINT = re.compile(r"^\s*(?:fatal )?error:\s*(?P<text>.+)$", re.IGNORECASE)
 _WRAPPING = re.compile(r"clBuildProgram failed|BUILD_PROGRAM_FAILURE|^Build on |^\(options:")
-# Name of the source in messages of the NVIDIA compiler. This compiler ignores ``#line``.
+# Name of the source text in messages of the NVIDIA compiler. The NVIDIA compiler ignores ``#line``
+# directives.
 _NAMELESS = "<kernel>"
 # Message of clang if the LLVM of PoCL is older than the processor.
 UNKNOWN_CPU = "unknown target CPU"
 
-# Maximum number of attempts. A build is repeated only if it fails without an error in the source. PoCL
-# processes disturb each other if they build the same program at the same time on an empty cache. With 8
-# processes, 1 of 200 builds fails.
+# Maximum number of attempts to build a program. A build is repeated only if it fails without an error in
+# the source. Several PoCL processes disturb each other when they build the same program into an empty cache.
+# One of 200 builds fails with eight processes.
 _ATTEMPTS = 5
 _PAUSE = 0.2  # seconds
 
 
 class LocalMemory:
-    """A `__local` pointer argument of `nbytes` bytes."""
+    """A `__local` pointer argument of a kernel, with a size of `nbytes` bytes."""
 
     def __init__(self, nbytes: int) -> None:
         self.nbytes = nbytes
 
 
 class Program:
-    """The kernels of a file PACKAGE/FILE, built for a device. Each kernel is an attribute."""
+    """The kernels of a file PACKAGE/FILE, built for a device. Each kernel of the program is an attribute."""
 
     def __init__(self, name: str, kernels: dict[str, Kernel]) -> None:
         self.name = name
@@ -69,44 +71,49 @@ class Program:
 
     @property
     def max_work_group(self) -> int:
-        """Maximum number of work-items in a work-group that all kernels of the program allow."""
+        """Maximum size of a work-group, in work-items, that all kernels of the program allow."""
         return min(kernel.max_work_group for kernel in self._kernels.values())
 
     def __getattr__(self, name: str) -> Kernel:
         try:
             return self.__dict__["_kernels"][name]  # type: ignore[no-any-return]
         except KeyError:
-            raise AttributeError(f"{self.__dict__.get('name')} has no kernel {name}") from None
+            raise AttributeError(f"{self.__dict__.get('name')} has no kernel called {name}") from None
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *self._kernels]
 
 
 class Kernel:
-    """A kernel. ``kernel(global_size, local_size, *arguments)`` queues a launch and returns its event.
+    """A kernel. ``kernel(global_size, local_size, *arguments)`` queues a launch of the kernel and returns
+    its event.
 
-    The event is None if a size is 0. Sizes are an integer or a tuple of up to three integers. `global_size`
-    is rounded up to a multiple of `local_size`. A kernel must therefore compare its global id with a count.
-    The local size is required, because PoCL compiles a kernel again for each new local size.
+    The returned event is None if a size is 0. Global and local sizes are an integer or a tuple of up to
+    three integers. `global_size` is rounded up to a multiple of `local_size`. Kernels must compare their
+    global id with the number of elements, because the global size is rounded up. The local size is required,
+    because PoCL compiles a kernel again for each new local size.
 
-    Arguments are `Buffer`, `LocalMemory`, or NumPy scalars of exactly the type in the kernel
-    (``np.uint32(n)``). For a vector type, pass a NumPy array with as many elements. Anything else raises a
-    TypeError. A work-group that exceeds the limit of the device raises a DeviceError `DEVICE_COMMAND`. If a
-    work-group exceeds only the limit of the kernel, the error is raised when the platform rejects the launch.
+    Kernel arguments are `Buffer`, `LocalMemory`, or NumPy scalars of exactly the type in the kernel
+    (``np.uint32(n)``). For a vector argument, pass a NumPy array with as many elements as the vector.
+    Arguments of other types raise a TypeError. A work-group that exceeds the limit of the device raises a
+    DeviceError `DEVICE_COMMAND`. A work-group that exceeds only the kernel's limit fails when the platform
+    rejects the launch.
 
     Attributes
     ----------
     name : str
     max_work_group : int
-        Maximum number of work-items in a work-group that is certain to launch. A kernel that needs many
-        registers may allow fewer than its device (OpenCL 1.2 specification, section 5.7.3,
-        CL_KERNEL_WORK_GROUP_SIZE). Mesa's Rusticl 22.3 reports 32 for every kernel and launches 256.
+        A work-group with this number of work-items can certainly be launched. The number is smaller than the
+        device's limit if the kernel needs many registers (OpenCL 1.2 specification, section 5.7.3,
+        CL_KERNEL_WORK_GROUP_SIZE). Mesa's Rusticl 22.3 reports a limit of 32 for every kernel, but launches
+        groups of 256.
     """
 
     def __init__(self, queue: Queue, handle: Any) -> None:
         self.name: str = handle.function_name
         info = queue.cl.kernel_work_group_info.WORK_GROUP_SIZE
-        # Some platforms return the size that the source requires, even if the device allows less.
+        # Some platforms return the work-group size required by the source, even if it exceeds the device's
+        # limit.
         self.max_work_group: int = min(
             handle.get_work_group_info(info, queue.handle), queue.record.max_work_group
         )
@@ -131,7 +138,7 @@ class Kernel:
         rounded = tuple(-(-size // group) * group for size, group in zip(sizes, local, strict=True))
 
         def launch(queue: Any) -> Any:
-            with self._lock:  # threads take turns: arguments are stored in the kernel
+            with self._lock:  # threads take turns, because arguments are stored in the kernel
                 for number, (value, argument) in enumerate(zip(values, arguments, strict=True)):
                     self._set(number, value, _identify(argument))
                 return self._queue.cl.enqueue_nd_range_kernel(queue, self._handle, rounded, local)
@@ -144,9 +151,9 @@ class Kernel:
             raise
 
     def _set(self, number: int, value: Any, mark: Any) -> None:
-        """Set an argument unless it already has this value.
+        """Set a kernel argument unless it already has this value.
 
-        On a GPU, setting ten arguments takes longer than a launch.
+        On a GPU, setting ten kernel arguments takes longer than a launch.
         """
         if mark is None or self._marks[number] != mark:
             self._marks[number] = None
@@ -173,10 +180,10 @@ class Kernel:
 
 
 def build_options(record: DeviceRecord) -> tuple[str, ...]:
-    """Return the options for every build. Only this function decides them.
+    """Return the compiler options for every build. Only this function decides the build options.
 
-    - No -cl-std: all platforms agree on their default, OpenCL C 1.2.
-    - No fast-math of any kind: results would differ between devices.
+    - No -cl-std, because the default of all platforms is OpenCL C 1.2.
+    - No fast-math options, because results would differ between devices.
     - Kernels state whether a * b + c may be fused, with ``#pragma OPENCL FP_CONTRACT OFF`` if rounding
       matters (OpenCL C 1.2 specification, section 6.12.4); otherwise the default, ON, applies.
     - Division and square root are correctly rounded if the device supports it.
@@ -207,8 +214,8 @@ def build(queue: Queue, package: str, name: str, defines: Mapping[str, Define]) 
 
 def _compile(queue: Queue, source: str, options: tuple[str, ...]) -> list[Any]:
     cl = queue.cl
-    # cl.Program(context, source) is avoided, because its disk cache waits a minute for the lock of a killed
-    # process. PoCL and NVIDIA have caches of their own.
+    # Do not call cl.Program(context, source), because its disk cache waits a minute for the lock of a killed
+    # process. PoCL and NVIDIA cache programs themselves.
     program = cl.Program(cl._cl._Program(queue.context, source))
     with warnings.catch_warnings():
         # Compiler warnings are not meant for the user. Errors are raised as exceptions.
@@ -219,7 +226,7 @@ def _compile(queue: Queue, source: str, options: tuple[str, ...]) -> list[Any]:
 def _build_error(
     file: str, source: str, record: DeviceRecord, log: str, complaint: re.Match[str] | None
 ) -> DeviceError:
-    """Return an error with file, line and text of the first error in the log."""
+    """Return an error with the file, line and text of the first error in the compiler log."""
     line, text = None, shorten(complaint["text"] if complaint else _find_first_complaint(log), 200)
     if complaint:
         file, number = complaint["file"], int(complaint["line"])
@@ -232,7 +239,7 @@ def _build_error(
 
 
 def _find_first_complaint(log: str) -> str:
-    """Return the first error in the log, or else the first line that the compiler wrote."""
+    """Return the first error in the log, otherwise the first line of the log."""
     lines = [line.strip() for line in log.splitlines() if line.strip()]
     errors = (match["text"] for match in map(_COMPLAINT.match, lines) if match)
     others = (line for line in lines if not _WRAPPING.search(line))
@@ -240,7 +247,8 @@ def _find_first_complaint(log: str) -> str:
 
 
 def _find_kind(cl: Any, handle: Any, number: int) -> Any:
-    """Return the kind of argument `number`: Buffer, LocalMemory, (dtype, width), or None if unknown."""
+    """Return the kind of argument `number`: Buffer, LocalMemory, or (dtype, width); return None for an
+    unknown kind."""
     info, qualifiers = cl.kernel_arg_info, cl.kernel_arg_address_qualifier
     try:
         qualifier = handle.get_arg_info(number, info.ADDRESS_QUALIFIER)
@@ -250,13 +258,13 @@ def _find_kind(cl: Any, handle: Any, number: int) -> Any:
     if qualifier != qualifiers.PRIVATE:
         return LocalMemory if qualifier == qualifiers.LOCAL else Buffer
     base = type_name.rstrip("0123456789")
-    if base not in _SCALARS:  # a struct or a typedef of the kernel
+    if base not in _SCALARS:  # a struct or a typedef, which cannot be checked
         return None
     return np.dtype(_SCALARS[base]), int(type_name[len(base) :] or 1)
 
 
 def _convert(kind: Any, value: Any) -> Any:
-    """Return an argument in the form that pyopencl takes, or None if it is not of this kind."""
+    """Return an argument in the form that pyopencl takes, or None if the argument is not of this kind."""
     if isinstance(value, Buffer):
         return value.handle if kind in (Buffer, None) else None
     if isinstance(value, LocalMemory):
@@ -270,15 +278,15 @@ def _convert(kind: Any, value: Any) -> Any:
     width = kind[1]
     if width == 1:
         return value if isinstance(value, np.generic) else None
-    # A vector of three is stored as four: OpenCL 1.2 specification, section 6.1.5.
+    # A vector of three elements is stored as four: OpenCL 1.2 specification, section 6.1.5.
     return np.pad(value, (0, width == 3)) if value.shape == (width,) else None
 
 
 def _identify(argument: Any) -> Any:
-    """Return a value that identifies an argument, or None if it must be set at every launch.
+    """Return a value that identifies an argument, or None if the argument must be set at every launch.
 
-    The value does not keep the memory of a buffer alive. The value of a released buffer equals no other
-    value.
+    The identifying value does not keep the memory of a buffer alive. No other argument has the identifying
+    value of a released buffer.
     """
     if isinstance(argument, Buffer):
         return weakref.ref(argument.allocation)

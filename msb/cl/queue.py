@@ -1,4 +1,4 @@
-"""Context and in-order queue of an open device. Every command passes through this queue."""
+"""Context and in-order queue of an open device. Every command of the device passes through this queue."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 class Queue:
     """The part of an open device that buffers and kernels need: pyopencl, its device, context and queue.
 
-    `timing`, if set, receives the event of every command. `allocations` belong to all users of the device.
+    `timing`, if set, receives the event of every command. The counter `allocations` belongs to all users of
+    the device.
     """
 
     def __init__(self, cl: Any, handle: Any, record: DeviceRecord) -> None:
@@ -27,8 +28,8 @@ class Queue:
         self.record = record
         self.timing: Timing | None = None
         self.allocations: weakref.WeakSet[Allocation] = weakref.WeakSet()
-        # Whether a command failed for a reason other than a lack of memory. Some platforms then reject later
-        # commands.
+        # Whether a command failed for another reason than a lack of memory. Some platforms reject all
+        # commands after such a failure.
         self.failed = False
         self._queue: Any = None
         try:
@@ -55,7 +56,8 @@ class Queue:
             raise DeviceError("DEVICE_CLOSED", f"{self.record} was closed")
 
     def submit(self, doing: str, command: Callable[[Any], Any]) -> Any:
-        """Queue a command by calling `command` with the pyopencl queue, and return its event."""
+        """Queue a command by calling `command` with the pyopencl queue, and return the event of the
+        command."""
         self.check_open()
         try:
             event = command(self._queue)
@@ -74,7 +76,7 @@ class Queue:
             raise self._failed("waiting for it", error) from error
 
     def close(self) -> None:
-        """Wait for all commands, and then release queue and context."""
+        """Wait for all commands, and then release the queue and the context."""
         if self._queue is not None:
             with contextlib.suppress(self.cl.Error):
                 self._queue.finish()

@@ -1,4 +1,4 @@
-"""Capabilities of a device, as its platform reports them."""
+"""Capabilities of a device, as reported by its platform."""
 
 import re
 from dataclasses import asdict, dataclass
@@ -12,11 +12,11 @@ _SHORT_NAMES = {
     "Portable Computing Language": "pocl",
     "AMD Accelerated Parallel Processing": "amd",
 }
-# Platforms with a compiler that is known to accept the CPU style. The compilers of Mesa and Oclgrind crash at
-# a prefetch.
+# Platforms whose compiler is known to accept kernels of the CPU style. The compilers of Mesa and Oclgrind
+# crash at a prefetch builtin.
 _CPU_STYLE_PLATFORMS = ("pocl", "intel")
-# Maximum vector width of a kernel. PoCL 3.0 reports width 16 on AVX-512 processors and crashes on such
-# vectors.
+# Maximum vector width of a kernel, in floats. PoCL 3.0 reports width 16 on AVX-512 processors, but crashes
+# on such vectors.
 _WIDEST_VECTOR = 8
 
 
@@ -38,7 +38,7 @@ class DeviceRecord:
         Alignment of the start of a sub-buffer in bytes (CL_DEVICE_MEM_BASE_ADDR_ALIGN counts bits).
     correctly_rounded : bool
         Whether the device can round single-precision division and square root correctly; our kernels then
-        request it.
+        request correct rounding.
     int64_atomics : bool
         Whether cl_khr_int64_base_atomics and cl_khr_int64_extended_atomics are both available (atom_max on
         ulong).
@@ -71,17 +71,17 @@ class DeviceRecord:
 
     @property
     def style(self) -> Style:
-        """The style of kernels that suits the device. No other code makes this decision.
+        """The style of kernels that suits the device. Only this property chooses the kernel style.
 
         Kernels of style "cpu" have few work-items with long private loops and no local memory. Kernels of
-        style "gpu" have work-groups that share local memory. Any OpenCL compiler accepts the style "gpu". The
-        style "cpu" uses extensions of clang, so it is used only with tested compilers.
+        style "gpu" have work-groups that share local memory. Any OpenCL compiler accepts kernels of the
+        style "gpu". The kernel style "cpu" uses extensions of clang, so only tested compilers get it.
         """
         known = self.kind == "cpu" and short_name(self.platform) in _CPU_STYLE_PLATFORMS
         return "cpu" if known else "gpu"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the record as plain JSON data."""
+        """Return this device record as plain JSON data."""
         return {**asdict(self), "style": self.style}
 
     def __str__(self) -> str:
@@ -89,7 +89,7 @@ class DeviceRecord:
 
 
 def short_name(platform: str) -> str:
-    """Return the name by which a platform is selected.
+    """Return the short name of a platform for device selectors.
 
     >>> short_name("Portable Computing Language"), short_name("Intel(R) OpenCL"), short_name("NVIDIA CUDA")
     ('pocl', 'intel', 'nvidia')
@@ -99,7 +99,7 @@ def short_name(platform: str) -> str:
 
 
 def describe(cl: Any, device: Any, selector: str, platform_index: int) -> DeviceRecord:
-    """Return the record of a pyopencl device."""
+    """Return the device record of a pyopencl device."""
     extensions = set(device.extensions.split())
     config = cl.device_fp_config
     return DeviceRecord(

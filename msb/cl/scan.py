@@ -9,16 +9,17 @@ from msb.cl.device import Device
 from msb.cl.kernel_text import Define
 from msb.cl.programs import Program
 
-# Maximum number of elements of a scan or sort, because positions are 32-bit numbers.
+# Maximum number of elements of a scan or sort; positions are 32-bit numbers.
 MOST = 2**31
-# Minimum number of elements per work-item. With fewer elements, a second work-item costs more than it saves.
+# Minimum number of elements per work-item. With fewer elements, starting a second work-item costs more than
+# it saves.
 _SMALLEST_CHUNK = 4096
-# Chunks per compute unit. With several chunks, other units can take over work of a delayed unit.
+# Number of chunks per compute unit. With several chunks, idle units can take over work of a delayed unit.
 _CHUNKS_PER_UNIT = 4
 # Consecutive elements per work-item on a GPU.
 _ITEMS = 8
-# Maximum number of tile sums, 16 per work-item, that each work-group of a GPU adds up. More sums are scanned
-# by another launch.
+# Maximum number of tile sums that each work-group of a GPU adds up, 16 per work-item. A larger number of sums
+# needs another launch.
 _MOST_SUMS = 4096
 # Maximum size of a work-group on a GPU.
 _LARGEST_GROUP = 256
@@ -33,8 +34,8 @@ def exclusive_scan(device: Device, values: Buffer, offsets: Buffer, count: int |
     device : Device
     values : Buffer of uint32
     offsets : Buffer of uint32 or uint64
-        At least count + 1 elements. Sums are modulo 2^32 or 2^64. A uint32 buffer may share the memory of
-        `values`.
+        At least count + 1 elements. Sums wrap modulo 2^32 or 2^64. A uint32 `offsets` buffer may share the
+        memory of `values`.
     count : int, optional
         Number of elements, at most 2^31; by default all of `values`.
 
@@ -55,7 +56,8 @@ def exclusive_scan(device: Device, values: Buffer, offsets: Buffer, count: int |
 
 
 def _scan_cpu(device: Device, values: Buffer, offsets: Buffer, count: int) -> None:
-    # Sum each chunk and scan the sums. Then scan each chunk, starting from its offset.
+    # Sum each chunk of elements and scan the sums. Scan each chunk of elements, starting from the chunk's
+    # offset.
     program = device.program("scan_cpu", {"SUM": _OPENCL_NAMES[offsets.dtype]})
     chunk, chunks = chunks_of(device, count)
     starts = device.scratch("scan starts", chunks, offsets.dtype)
@@ -72,7 +74,8 @@ def _scan_gpu(device: Device, values: Buffer, offsets: Buffer, count: int, level
         "scan_gpu",
         {"VALUE": _OPENCL_NAMES[values.dtype], "SUM": _OPENCL_NAMES[offsets.dtype], "ITEMS": _ITEMS},
     )
-    # Sum each tile. If there are too many sums, scan them recursively. Then scan each tile.
+    # Sum each tile. Scan the tile sums recursively if there are too many for one launch. Scan each tile of
+    # elements, starting from the tile's offset.
     tiles = -(-count // (group * _ITEMS))
     sums = device.scratch(f"scan sums {level}", tiles + 1, offsets.dtype)
     if tiles > 1:
@@ -84,7 +87,7 @@ def _scan_gpu(device: Device, values: Buffer, offsets: Buffer, count: int, level
 
 
 def check_count(count: int | None, array: Buffer) -> int:
-    """Check and return the number of elements; the default is all of `array`."""
+    """Check and return the number of elements; by default, all elements of `array`."""
     count = array.size if count is None else count
     if not 0 <= count <= min(array.size, MOST):
         raise ValueError(f"{count} elements requested from an array of {array.size}; the limit is {MOST}")
@@ -99,7 +102,8 @@ def chunks_of(device: Device, count: int) -> tuple[int, int]:
 
 
 def build_grouped_program(device: Device, name: str, defines: Mapping[str, Define]) -> tuple[Program, int]:
-    """Return a program in GPU style, and the size of its work-groups. Its define GROUP has this size.
+    """Return a program in GPU style, and the size of its work-groups. The program gets this size as the
+    define GROUP.
 
     The size is the largest power of two, up to 256, that the device and every built kernel allow.
     """

@@ -11,18 +11,18 @@ from msb.cl.kernel_text import Define
 from msb.cl.programs import Program
 from msb.cl.scan import build_grouped_program, check_count, chunks_of, exclusive_scan
 
-# Consecutive elements per work-item on a GPU.
+# Consecutive elements of a sort per work-item on a GPU.
 _ITEMS = 8
-# Maximum number of bits per pass. The first-level cache of a CPU supports 256 write streams. Passes of up to
-# 8 bits therefore cost the same, and passes of 9 bits cost twice as much. On a GPU, a pass reads the data
-# once, and each work-group sorts its tile by 4 bits at a time in local memory.
+# Maximum number of key bits per pass. The first-level cache of a CPU supports 256 write streams. Passes of up
+# to 8 bits therefore take equal time, but passes of 9 bits take twice as long. A GPU reads the data once per
+# pass. Each work-group sorts its tile by 4 bits at a time in local memory.
 _DIGIT_BITS = 8
 _KEYS = {np.dtype(np.uint32): "uint", np.dtype(np.uint64): "ulong"}
 
 
 class _Pass(NamedTuple):
-    """The launch of a pass: the program, its sizes, the arguments between count and shift, and the number of
-    parts.
+    """The data for a sorting pass: the program, its sizes, the kernel arguments between count and shift, and
+    the number of parts.
     """
 
     program: Program
@@ -49,15 +49,16 @@ def sort_pairs(
     keys : Buffer of uint32 or uint64
         The keys. Non-negative floats can be sorted by their bits (`Buffer.view`).
     values : Buffer of uint32, optional
-        The values; by default 0, 1, 2 ..., so that the sorted values are the permutation.
+        The values to sort with the keys; by default 0, 1, 2 ..., so that the sorted values are the
+        permutation.
     count : int, optional
         Number of leading elements to sort, at most 2^31; by default all.
     bits : int, optional
-        Sort by the lowest `bits` bits of a key; by default by all. Fewer bits need fewer passes over the
-        data.
+        Sort by the lowest `bits` bits of a key; by default by all. With fewer bits the sort needs fewer
+        passes over the data.
     name : str
-        Name of the returned buffers. They belong to the pool and stay valid until the next sort with this
-        name. The given buffers are not changed.
+        Name of the returned buffers. The returned buffers belong to the pool and stay valid until the next
+        sort with this name. The function does not change the given buffers.
 
     Returns
     -------
@@ -86,7 +87,8 @@ def sort_pairs(
         layout = _plan_gpu_pass(device, key, count, 1 << digit)
     places = device.scratch(f"{name} places", (layout.parts << digit) + 1, np.uint32)
     source = keys, values if values is not None else keys
-    # Each pass counts the digits of every part, scans the counts to positions, and moves the pairs.
+    # Each pass counts the digits of every part, scans the counts to positions, and moves the pairs of key
+    # and value.
     for number in range(passes):
         target = (
             device.scratch(f"{name} keys {number % 2}", count, keys.dtype),

@@ -11,9 +11,9 @@ _MS = 1e-6
 
 
 class Timing:
-    """The commands of a block of work, by stage.
+    """The commands of a ``with`` block, grouped by stage.
 
-    `Device.timing` creates it. Read its results after the block has ended.
+    `Device.timing` creates it. Read the results of this object after its block has ended.
     """
 
     def __init__(self) -> None:
@@ -22,7 +22,7 @@ class Timing:
 
     @contextlib.contextmanager
     def as_stage(self, name: str) -> Iterator[None]:
-        """Assign the commands of the block to the stage `name`. Stages may be nested."""
+        """Assign the commands of the ``with`` block to the stage `name`. Stages may be nested."""
         outer, self._stage = self._stage, name
         try:
             yield
@@ -34,10 +34,10 @@ class Timing:
         self._events.append((self._stage, event))
 
     def milliseconds(self) -> dict[str, float]:
-        """Return the milliseconds that the commands of each stage ran.
+        """Return the milliseconds of device time that the commands of each stage took.
 
-        Stages are in order of first appearance. Time between commands does not count here, but it counts for
-        `span`.
+        Stages are in the order of their first command. The result excludes the time between commands, which
+        `span` includes.
         """
         total: dict[str, float] = {}
         for (stage, _), (start, end) in zip(self._events, self._intervals, strict=True):
@@ -51,13 +51,13 @@ class Timing:
     def since_queued(self) -> float:
         """Return the milliseconds from queueing the first command to the end of the last one.
 
-        This includes compilation at a first launch and any delay before the device starts.
+        The result includes compilation at a first launch, and any delay before the device starts.
         """
         return self._measure_until_end(min((event.profile.queued for _, event in self._events), default=0))
 
     @cached_property
     def _intervals(self) -> list[tuple[int, int]]:
-        """Start and end of each command in nanoseconds. They are read from the platform once."""
+        """Start and end of each command in nanoseconds. The times are read from the platform once."""
         return [(event.profile.start, event.profile.end) for _, event in self._events]
 
     def _measure_until_end(self, start: int) -> float:

@@ -1,8 +1,9 @@
 """Test in a child process whether a device builds and runs kernels, and cache the result.
 
-A listed platform does not always work. Its compiler may not know the processor, or may crash. The trial
-builds and runs trial.cl in a child process. Its result is stored in the user's cache. The key of the cache
-includes everything that can change the result: platform, driver, processor, program version and trial.cl.
+An OpenCL device that a platform lists does not always work. The compiler of a device may not know the
+processor, or may crash. The trial builds and runs trial.cl in a child process. The result of this test is
+stored in the user's cache. The cache key includes everything that can change the result: platform, driver,
+processor, program version and trial.cl.
 """
 
 from __future__ import annotations
@@ -30,10 +31,10 @@ from msb.cl.loader import opencl, user_cache
 from msb.cl.records import DeviceRecord
 from msb.errors import DeviceError, OutputError, one_line, shorten
 
-# Time limit of a trial in seconds, including the start of the compiler. A typical trial takes 12 seconds; on
-# a busy machine it takes longer.
+# Time limit of a device trial in seconds, including the start of the compiler. A typical device trial takes
+# 12 seconds; on a busy machine it takes longer.
 _SECONDS = 120.0
-# Number of work-items in the trial.
+# Number of work-items in the trial kernel.
 _COUNT = 64
 # Maximum number of results in the cache file, and its maximum size in bytes.
 _MOST_REMEMBERED, _MOST_BYTES = 64, 1 << 18
@@ -44,7 +45,7 @@ _known: dict[int, Trial] = {}
 
 @dataclass(frozen=True)
 class Trial:
-    """The result of building and running a small kernel.
+    """The result of building and running a small kernel on a device.
 
     Attributes
     ----------
@@ -52,7 +53,7 @@ class Trial:
     why : str or None
         The message of the compiler or the system if the device does not build kernels.
     mended : str or None
-        The processor name that `msb.cl.pocl_fix` first had to give the compiler.
+        The processor name that `msb.cl.pocl_fix` gave the compiler before the trial, if that was necessary.
     """
 
     builds: bool
@@ -61,7 +62,8 @@ class Trial:
 
 
 def try_device(handle: Any, record: DeviceRecord, *, again: bool = False) -> Trial:
-    """Return whether the device builds kernels. If necessary and possible, fix the PoCL wheel first.
+    """Return whether the device builds kernels. If necessary and possible, repair the PoCL wheel first
+    (`msb.cl.pocl_fix`).
 
     Parameters
     ----------
@@ -81,7 +83,7 @@ def try_device(handle: Any, record: DeviceRecord, *, again: bool = False) -> Tri
                 if lasting:
                     _store_result(key, known)
             if known.mended and not pocl_fix.apply(handle):
-                known = Trial(False, "the processor name of its compiler could not be replaced")
+                known = Trial(False, "the processor name of the device's compiler could not be replaced")
             _known[handle.int_ptr] = known
         return known
 
@@ -93,7 +95,7 @@ def forget() -> None:
 
 
 def _try(handle: Any, record: DeviceRecord) -> tuple[Trial, bool]:
-    """Return the result of a trial, and whether it should be cached."""
+    """Return the result of a device trial, and whether the result may be cached."""
     why, lasting = _find_failure(record, mended=False)
     if why is None:
         return Trial(True), True
@@ -103,7 +105,8 @@ def _try(handle: Any, record: DeviceRecord) -> tuple[Trial, bool]:
 
 
 def _find_failure(record: DeviceRecord, *, mended: bool) -> tuple[str | None, bool]:
-    """Run the trial in a child process. Return its failure or None, and whether the result is permanent."""
+    """Run the device trial in a child process. Return the failure of the trial (or None), and whether a
+    repetition would give the same result."""
     request = f"{record.selector} {'mended' if mended else 'as it is'}"
     try:
         reply = run_in_child(run_trial, request, {}, Limits(_SECONDS, None))
@@ -115,12 +118,11 @@ def _find_failure(record: DeviceRecord, *, mended: bool) -> tuple[str | None, bo
 
 
 def run_trial(word: str, arrays: Arrays) -> tuple[str | None, Arrays]:
-    """Build and run trial.cl in this child process. Return the reason why the device does not work, or None.
+    """Build and run trial.cl in a child process. Return the reason why the device does not work, or None.
 
-    `word` has the selector of the device, and tells whether its compiler must be fixed first. `arrays` is
-    empty.
+    `word` names the device, and tells whether to repair its compiler first. `arrays` is empty.
     """
-    os.environ["POCL_KERNEL_CACHE"] = "0"  # a cached kernel would not test the compiler
+    os.environ["POCL_KERNEL_CACHE"] = "0"  # a cached kernel would hide compiler failures
     from msb.cl.devices import find_devices
 
     cl = opencl()
@@ -129,10 +131,12 @@ def run_trial(word: str, arrays: Arrays) -> tuple[str | None, Arrays]:
         if record.selector != selector:
             continue
         if state == "mended" and not pocl_fix.apply(handle):
-            return "the processor name of its compiler could not be replaced", {}
+            return "the processor name of the device's compiler could not be replaced", {}
         try:
             with Device(cl, handle, record) as device:
-                return (None if _computes_correctly(device) else "it computes a small kernel incorrectly"), {}
+                return (
+                    None if _computes_correctly(device) else "the device computes a small kernel incorrectly"
+                ), {}
         except DeviceError as error:
             return error.message, {}
     return f"{selector} does not exist in a child process", {}
@@ -181,7 +185,7 @@ def _find_cache_file() -> Path | None:
 
 
 def _read_results() -> dict[str, Trial]:
-    """Return the cached results. The file has lines "KEY builds MENDED" and "KEY fails WHY"."""
+    """Return the cached trial results. Each line of the file is "KEY builds MENDED" or "KEY fails WHY"."""
     file, text = _find_cache_file(), ""
     with contextlib.suppress(OSError):
         if file is not None and file.stat().st_size <= _MOST_BYTES:

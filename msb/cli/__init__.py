@@ -1,7 +1,8 @@
-"""The programs `msb` and `msb-audit`, and the modules that turn a function into a command.
+"""The entry points of the programs `msb` and `msb-audit`, and the code that turns functions into commands.
 
-A command is in the package that does the work, in `command.py` or `commands/`. `msb.cli.commands` lists the
-modules of all commands, and finds commands of other packages in the entry-point group `msb.commands`.
+The module of a command is in the package that does its work, as `command.py` or in `commands/`.
+`msb.cli.commands` lists the modules of all commands, and finds commands of other packages in the
+entry-point group `msb.commands`.
 """
 
 import sys
@@ -10,7 +11,7 @@ from typing import Any
 
 
 def _print_warning(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
-    """Print a warning of this project as one line, and other warnings as Python does."""
+    """Print a warning of this project as one line. Print other warnings in Python's format."""
     from msb.errors import one_line
 
     if category.__module__.startswith("msb."):

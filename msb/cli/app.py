@@ -11,8 +11,8 @@ from msb.cli.command import Command, epilog
 from msb.errors import UsageError
 
 _SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
-# Plain help text loads in a third of the time of framed help, and looks the same in a pipe. Typer's options
-# for completion are off, because `msb completion` prints the script.
+# Plain help text loads three times as fast as help text in frames. Typer's options for completion are off,
+# because `msb completion` prints the completion script.
 _PLAIN: dict[str, Any] = {
     "rich_markup_mode": None,
     "context_settings": _SETTINGS,
@@ -29,7 +29,7 @@ class _Root(TyperGroup):
         return [name for entries in commands.listed().values() for name in entries]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a command, or None if there is no such command."""
+        """Return a command, or None if no command has this name."""
         if self.commands.get(cmd_name) is None:
             try:
                 function = commands.find(cmd_name)
@@ -38,14 +38,14 @@ class _Root(TyperGroup):
                     raise
                 function = None  # completion skips commands that cannot be loaded
             if function is None:
-                # Typer looks for similar names in this dictionary.
+                # Typer searches this dictionary for similar names.
                 self.commands.update(dict.fromkeys(self.list_commands(ctx)))  # type: ignore[arg-type]
                 return None
             self.commands[cmd_name] = get_command(_alone(function, cmd_name))
         return self.commands[cmd_name]
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write a section for each heading."""
+        """Write a section of the help for each heading."""
         del ctx
         for title, entries in commands.listed().items():
             with formatter.section(title):

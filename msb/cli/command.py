@@ -1,13 +1,15 @@
-"""Turn a function into a command. The dataclasses that the function takes become options.
+"""Turn a function into a command. Parameters whose type is a dataclass become several options.
 
 A function that is decorated with `command` has parameters of these kinds:
 
-- A dataclass. The fields with an `Option` become options, and the function receives an object of the
-  dataclass. If the parameter is annotated with a tuple of names, such as ``Annotated[Views, ("cameras",
-  "size")]``, only these fields become options, and the others keep their defaults. `Output` is such a
-  dataclass. If the function takes it, all paths are checked before the function runs.
-- Anything else that is annotated with an `Argument` or `Option`.
-- `Typed`, the parameters that are on the command line.
+- A dataclass. The dataclass fields with an `Option` become options, and the function receives an object of
+  the dataclass. With ``Annotated[Views, ("cameras", "size")]`` only the fields `cameras` and `size` become
+  options. All other fields keep their defaults. The class `Output` is also a dataclass of options. If the
+  function takes an `Output`, all paths are checked before the function runs.
+
+- Other parameters with an annotation `Argument` or `Option`.
+
+- `Typed`, the parameters that the user gave on the command line.
 
 A parameter of type Path is an input, unless the `output` of its `Option` is set.
 """
@@ -33,7 +35,7 @@ from msb.errors import MsbError, UsageError, shorten
 
 @dataclass(frozen=True)
 class Everywhere:
-    """The options of every command. A command can replace such an option by an option of the same name."""
+    """The options that every command has. A command can define a different option with the same name."""
 
     color: Annotated[
         Literal["auto", "always", "never"] | None,
@@ -47,10 +49,11 @@ class Everywhere:
 
 
 class Typed(dict[str, str]):
-    """The parameters that are on the command line: name -> label, such as ``size`` -> ``--size``."""
+    """The parameters given on the command line, and their labels, such as ``--size`` for ``size``."""
 
     def reject(self, names: Iterable[str], text: str) -> None:
-        """Raise a UsageError if one of these parameters is on the command line. `text` follows its label."""
+        """Raise a UsageError if one of these parameters is given on the command line. The message consists of
+        the label of the parameter and `text`."""
         for name in names:
             if name in self:
                 raise UsageError("USAGE", f"{self[name]} {text}")
@@ -88,7 +91,7 @@ class _Declared(NamedTuple):
         option, kind = self.option, self.type
         if get_origin(kind) is tuple:
             kind = list[get_args(kind)[0]]  # type: ignore[misc]
-        if get_origin(kind) in (Union, UnionType):  # values of the command line have the first type
+        if get_origin(kind) in (Union, UnionType):  # use the first type of a union on the command line
             kind = get_args(kind)[0] | None
         default = [] if self.default == () else self.default
         number = {int: "N", float: "X"}.get(
@@ -99,11 +102,11 @@ class _Declared(NamedTuple):
             "metavar": option.metavar or (None if option.count else number),
             "min": option.least,
             "max": option.most,
-            # Typer must not check files: their readers report errors with a code and an exit status.
+            # Typer must not check files, because file readers report errors with a code and an exit status.
             "readable": False,
         }
         if isinstance(option, Argument):
-            info = typer.Argument(hidden=True, **shared)  # `Command` writes arguments into the help
+            info = typer.Argument(hidden=True, **shared)  # `Command` writes the arguments into the help
         else:
             info = typer.Option(*self.flags, count=option.count, show_default=not option.count, **shared)
         default = inspect.Parameter.empty if default is MISSING else default
@@ -113,7 +116,7 @@ class _Declared(NamedTuple):
 
 
 class _Group(NamedTuple):
-    """A dataclass that a function takes, and the options of its fields."""
+    """A dataclass parameter of a command function, and the options for its fields."""
 
     kind: type
     declared: tuple[_Declared, ...]
@@ -124,7 +127,7 @@ class _Group(NamedTuple):
 
 
 def plain_words(text: str, error: Any) -> str:
-    """Return the `text` of an error of typer as one line that contains the invalid value."""
+    """Return the `text` of a typer error as one line that contains the invalid value."""
     text = " ".join(text.split()).rstrip(".").replace("Value error, ", "")
     before, separator, wanted = text.partition("Input should be ")
     if not separator:
@@ -141,9 +144,9 @@ class Command(TyperCommand):
     """A command of typer with a section for arguments in its help. Empty words are errors."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the words. An empty word, as from an unset shell variable, is an error."""
-        # Commands without interspersed options pass their words to another program, and empty words are
-        # allowed there.
+        """Parse the words. Reject empty words, which can come from an unset shell variable."""
+        # Some commands pass their words to another program, which may accept empty words. Only commands
+        # without interspersed options do this.
         checks = ctx.allow_interspersed_args and not ctx.resilient_parsing
         if checks and any(_EMPTY.fullmatch(word) for word in args):
             ctx.fail("an argument or the value of an option is empty; use . for the current folder")
@@ -155,7 +158,7 @@ class Command(TyperCommand):
         return ["[OPTIONS]", *(word if param.required else f"[{word}]" for param, word in words)]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write the arguments, then the options."""
+        """Write the arguments before the options."""
         if arguments := self._arguments(ctx):
             with formatter.section("Arguments"):
                 formatter.write_dl([(param.metavar, param.help) for param in arguments])
@@ -188,12 +191,12 @@ def command(
     Parameters
     ----------
     *examples : str
-        Command lines that run on the demo data. They end the help.
+        Command lines that run on the demo data. The help ends with the examples.
     name : str
         The name of the command; by default the name of the function.
     instead : mapping, optional
-        Options that the command does not have, but that users try -> what to write instead, for the error.
-        The text "{value}" stands for ":" and the value that was given, if there is one.
+        The keys are options that users try, although the command lacks these options. The values are the
+        texts that the error suggests instead. In these texts, ":" and the given value replace "{value}".
     **settings
         Context settings of typer.
     """
@@ -210,7 +213,7 @@ def _command(named: dict[str, Any], function: Callable[..., Any]) -> Callable[..
     groups: dict[str, _Group] = {}
     declared: list[_Declared] = []
     taken = inspect.signature(function, eval_str=True).parameters
-    # First the options of this function, then the options of every command.
+    # The options of the function come first, then the options of every command.
     for parameter in taken.values():
         annotation = parameter.annotation
         kind, *marks = get_args(annotation) if get_origin(annotation) is Annotated else [annotation]
@@ -256,7 +259,7 @@ def _command(named: dict[str, Any], function: Callable[..., Any]) -> Callable[..
 
 
 def _fields(kind: type, names: tuple[str, ...] | None) -> Iterator[_Declared]:
-    """Yield the options of a dataclass: of all its fields, or of the fields in `names`."""
+    """Yield the options of a dataclass, for all its fields or for the fields in `names`."""
     hints = get_type_hints(kind, include_extras=True)
     known = {field.name: field for field in fields(kind)}
     for name in names or known:
@@ -266,7 +269,7 @@ def _fields(kind: type, names: tuple[str, ...] | None) -> Iterator[_Declared]:
 
 
 def _prepare(everywhere: Everywhere) -> None:
-    """Set the environment variables of --color, which child processes inherit, and open the log."""
+    """Set the environment variables of --color for child processes, and open the log."""
     for variable, value in (("FORCE_COLOR", "always"), ("NO_COLOR", "never")):
         if everywhere.color is not None:
             os.environ.pop(variable, None)
@@ -308,7 +311,7 @@ _DEMO_DATA = "Create the files of the examples with: msb demo-data data_stubs"
 
 
 def epilog(*examples: str) -> str:
-    """Return the end of a help page: examples, exit statuses, and where to get the files of the examples."""
+    """Return the end of a help page: examples, exit statuses, and the command that writes the demo data."""
     lines = "\n".join(f"  {example}" for example in examples)
     data = f"\n\n{_DEMO_DATA}" if "data_stubs" in lines else ""
     return f"\b\nExamples:\n{lines}\n\n\b\n{_EXIT_TABLE}{data}"

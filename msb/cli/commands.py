@@ -1,4 +1,4 @@
-"""Find commands: built-in ones in a table, others in the entry-point group `msb.commands`.
+"""Find commands: built-in commands in a table, other commands in the entry-point group `msb.commands`.
 
 The module of a command is imported when the command or its help is used. Listing commands does not import
 their modules.
@@ -21,8 +21,7 @@ class Entry(NamedTuple):
     help: str
 
 
-# The module of each command, by heading and name. The folder of a module is missing if its capability was
-# removed.
+# The module of each command, by heading and name. The module is missing if its package was not installed.
 BUILT_IN: dict[str, dict[str, Entry]] = {
     "Check and repair a mesh": {
         "audit": Entry(
@@ -39,12 +38,14 @@ BUILT_IN: dict[str, dict[str, Entry]] = {
         "convert": Entry("msb.delivery.command", "Write an asset or mesh in another format."),
         "bake": Entry("msb.bake.command", "Make an ordinary mesh that looks like the model."),
         "why": Entry("msb.why.command", "Explain why an export looks worse than the rendering, in dB."),
-        "methods": Entry("msb.report.commands.methods", "List the methods, and their features on each tier."),
+        "methods": Entry(
+            "msb.report.commands.methods", "List the methods, and their features on each renderer tier."
+        ),
     },
     "Render": {
         "render": Entry("msb.render.commands.render", "Render images, depth maps and face ids."),
         "compare": Entry(
-            "msb_viewers.commands.compare", "Compare the tiers of a model with its photographs."
+            "msb_viewers.commands.compare", "Compare the renderer tiers of a model with its photographs."
         ),
         "web": Entry("msb.engines.command", "Write a web page that shows a model in any browser."),
         "bench": Entry("msb.bench.commands.bench", "Measure frame rate and memory of an asset."),
@@ -63,7 +64,7 @@ BUILT_IN: dict[str, dict[str, Entry]] = {
     },
     "This machine": {
         "devices": Entry(
-            "msb.render.commands.devices", "List the devices of this machine that compute and draw."
+            "msb.render.commands.devices", "List the OpenCL devices and the renderers of this machine."
         ),
         "completion": Entry("msb.cli.completion", "Print a script for completion with the Tab key."),
     },
@@ -73,7 +74,7 @@ _NAME = r"^[a-z][a-z0-9-]{0,39}$"
 
 
 def listed() -> dict[str, dict[str, str]]:
-    """Return the line of help of each installed command, by heading and command. No module is imported."""
+    """Return the help line of each installed command, by heading and command. No module is imported."""
     ours = {
         title: {name: place.help for name, place in places.items() if not _missing_package(place.module)}
         for title, places in BUILT_IN.items()
@@ -85,13 +86,13 @@ def listed() -> dict[str, dict[str, str]]:
 
 
 def find(name: str) -> Any:
-    """Return the function of a command, or None if there is no such command.
+    """Return the function of a command, or None if no command has this name.
 
     Raises
     ------
     UsageError
-        EXTRA_MISSING: the folder of a built-in command was removed. PACKAGE_LEFT_OUT: the command of another
-        package cannot be loaded.
+        EXTRA_MISSING: the folder of a built-in command was removed. PACKAGE_LEFT_OUT: the command of
+        another package cannot be loaded.
     """
     for places in BUILT_IN.values():
         if name in places:
@@ -109,17 +110,17 @@ def find(name: str) -> Any:
 
 
 def _missing_package(module: str) -> str:
-    """Return the package of a command if the package is not installed, else an empty text."""
+    """Return the package of a command if the package is not installed, otherwise an empty text."""
     parts = module.split(".")
     package = parts[0] if parts[0] != "msb" else ".".join(parts[:2])
     spec = find_spec(package)
-    # After the removal of a package, its folder can still hold compiled files. Python then finds a package
-    # without an origin.
+    # After the removal of a package, its folder can still contain compiled files. Python imports a folder
+    # without an origin as an empty package.
     return "" if spec is not None and spec.origin is not None else package
 
 
 def _plugin_commands() -> dict[str, str]:
-    """Return the commands of other packages: name -> value of the entry point."""
+    """Return the commands of other packages by name, with the value of their entry point."""
     ours = {name: place.module for places in BUILT_IN.values() for name, place in places.items()}
     plugins = find_installed("command", ours, lambda _, value: value, pattern=_NAME)
     return {name: value for name, (value, _) in plugins.items()}
@@ -131,5 +132,7 @@ def _function_in(loaded: Any, name: str) -> Any:
     functions = [member for member in members if hasattr(member, "declared")]
     named = [function for function in functions if function.name == name] or functions
     if len(named) != 1:
-        raise PackageError("it does not name a function with the decorator msb.cli.command.command")
+        raise PackageError(
+            "the entry point does not name a function with the decorator msb.cli.command.command"
+        )
     return named[0]

@@ -16,7 +16,7 @@ def completion(
 ) -> None:
     """Print a completion script for msb and msb-audit.
 
-    Save it where the shell looks for completions:
+    Save the script where the shell looks for completions:
 
     \b
     bash        ~/.local/share/bash-completion/completions/msb

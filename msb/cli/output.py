@@ -34,7 +34,7 @@ STDOUT = "-"
 _STDOUT_NAMES = (STDOUT, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
 # Width of tables in characters, even if the terminal is narrower.
 _LEAST_WIDTH = 80
-# Replacements for arrows on streams that cannot print them.
+# Text that replaces arrows if a stream cannot print arrows.
 _PLAIN = str.maketrans({"↑": "(up)", "↓": "(down)"})
 
 
@@ -43,7 +43,8 @@ Cell = str | tuple[str, str]
 
 
 def file_option(text: str, *flags: str, endings: tuple[str, ...] = ()) -> Option:
-    """Return the `Option` of an output file. If `endings` are given, the file name must have one of them."""
+    """Return the `Option` of an output file. If `endings` are given, the file name must have one of these
+    endings."""
     return Option(text, flags, "FILE", output="file", endings=endings)
 
 
@@ -51,7 +52,7 @@ def file_option(text: str, *flags: str, endings: tuple[str, ...] = ()) -> Option
 class Output:
     """The options of output, and the functions that print results and check output paths.
 
-    If an output file is "-" or ``/dev/stdout``, it is written to standard output instead of the text.
+    If an output file is "-" or ``/dev/stdout``, its content goes to standard output instead of the text.
     """
 
     json_file: Annotated[
@@ -93,7 +94,7 @@ class Output:
 
     @property
     def shows_progress(self) -> bool:
-        """Whether progress bars are shown: on a terminal, if the text of the result is printed."""
+        """Whether progress bars are shown. Progress bars need a terminal and a printed text result."""
         return self.prints_text and not self.quiet and sys.stderr.isatty()
 
     @property
@@ -103,7 +104,7 @@ class Output:
 
     @contextlib.contextmanager
     def _report(self, describe: Callable[[], str]) -> Iterator[None]:
-        """Write lines with ``describe()`` and the elapsed time during the block, except on a terminal."""
+        """Write ``describe()`` and the elapsed time at intervals during the block, except on a terminal."""
         start = time.monotonic()
         lines = self.progress_lines
         if lines is None:
@@ -139,7 +140,7 @@ class Output:
         Parameters
         ----------
         headers : sequence of str
-            Titles of the columns. Without titles the line is omitted.
+            Titles of the columns. Without titles, the title line is omitted.
         rows : iterable
             The cells of each row.
         right : iterable of int
@@ -156,7 +157,7 @@ class Output:
 
         console = self.console()
         if whole and not console.is_terminal:
-            console.width = 10_000  # wider than any table
+            console.width = 10_000  # wider than every table
         rows = list(rows)
         names = headers or [""] * len(rows[0])
         table = plain_table(*names, right=tuple(right), gap=gap)
@@ -172,9 +173,10 @@ class Output:
         console.print(table)
 
     def line(self, *parts: Cell) -> None:
-        """Print texts in their styles as one line.
+        """Print texts in their styles on one line.
 
-        Only the terminal wraps the line, so that a path in it can be copied.
+        Do not wrap the line, so that users can copy a path from the line. Only the terminal may wrap the
+        line.
         """
         from rich.text import Text
 
@@ -197,7 +199,7 @@ class Output:
     def progress(self, text: str) -> Iterator[None]:
         """Show `text` while the block runs: with a spinner on a terminal, as lines elsewhere.
 
-        With -vv the time is printed.
+        With -vv, the elapsed time is printed.
         """
         start = time.perf_counter()
         if self.shows_progress:
@@ -214,7 +216,7 @@ class Output:
     def bars(self, unit: Literal["bytes", "steps"] = "bytes") -> Iterator[Progress]:
         """Yield a function that shows the progress of each stage: a bar on a terminal, lines elsewhere.
 
-        With -v the times of the stages are printed at the end.
+        With -v, the times of the stages are printed at the end.
         """
         begun: list[tuple[str, float]] = []
         state = ["starting"]
@@ -225,7 +227,7 @@ class Output:
             tasks: dict[str, Any] = {}
 
             def update(stage: str, done: int, total: int) -> None:
-                # A percentage is useless for a stage of one step.
+                # A percentage is useless for a stage with a single step.
                 state[0] = stage if total <= 1 else f"{stage} {100 * done // total} %"
                 if not begun or begun[-1][0] != stage:
                     if begun and bars is not None:  # the previous stage has ended
@@ -268,7 +270,7 @@ class Output:
         from rich import progress
         from rich.console import Console
 
-        # The spinner and the elapsed time move even during a long step.
+        # The spinner and the elapsed time are updated even during a long step.
         columns = (
             progress.SpinnerColumn("line"),  # ASCII characters only
             progress.TextColumn("{task.description}"),
@@ -281,7 +283,7 @@ class Output:
             yield bars
 
     def add_input(self, path: Path) -> None:
-        """Register the path of an input. No output may be the same file."""
+        """Register the path of an input. No output may be the same file as an input."""
         self._inputs.add(_identity(path))
 
     def add_inputs(self, paths: Iterable[Path]) -> None:
@@ -294,7 +296,7 @@ class Output:
     def add_output(self, path: Path, label: str) -> None:
         """Register the path of an output. The path must differ from all inputs and other outputs.
 
-        Several outputs may go to the same device or pipe.
+        Several outputs may go to one device or pipe.
         """
         if is_stdout(path) or is_stream(path):
             return
@@ -304,11 +306,11 @@ class Output:
             raise UsageError("USAGE", f"{label} and {other} name the same file", file=path)
 
     def check_free(
-        self, path: Path | None, *, folder: bool = False, label: str = "a file beside the output"
+        self, path: Path | None, *, folder: bool = False, label: str = "a file next to the output"
     ) -> None:
-        """Reject an output that is also an input, that cannot be written, or that may not be replaced.
+        """Reject an output that is also an input, cannot be written, or may not be replaced.
 
-        `label` names the option in the message about two outputs with the same file. Without --force an
+        `label` names the option in the message about two outputs with the same file. Without --force, an
         existing `folder` must be empty. Devices and pipes are always accepted.
         """
         if path is None or is_stdout(path):
@@ -318,7 +320,7 @@ class Output:
         if taken and not self.may_replace(path):
             if not folder and is_folder(path):
                 check_place(path)  # a folder cannot be replaced, even with --force
-            raise UsageError("OUTPUT_EXISTS", f"it exists; {self._remedy}", file=path)
+            raise UsageError("OUTPUT_EXISTS", f"the path exists; {self._remedy}", file=path)
         check_place(path, folder=folder)
         if not is_stream(path):
             place = os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118 - a link is replaced
@@ -330,18 +332,18 @@ class Output:
             self._checked[place] = label
 
     def check_folder(self, folder: Path, *, replace: bool | None = None) -> None:
-        """Check a folder that `msb.base.own_folder` will write; `replace` is --force by default.
+        """Check a folder that `msb.base.own_folder` will write; the default of `replace` is --force.
 
-        The folder must be new or empty. With `replace` the folder may hold files of an earlier run, unless
-        one of these files is an input.
+        The folder must be new or empty. With `replace`, the folder may contain files of an earlier run,
+        unless one of these files is an input.
         """
         if folder_is_taken(folder) and not (self.force if replace is None else replace):
-            raise UsageError("OUTPUT_EXISTS", f"it exists; {self._remedy}", file=folder)
+            raise UsageError("OUTPUT_EXISTS", f"the path exists; {self._remedy}", file=folder)
         check_own_folder(folder)
         self._check_apart(folder)
         files = [folder / name for name in listed_files(folder) or ()]
         for place in {*files, *(above for file in files for above in file.parents)} - {*folder.parents}:
-            self._check_apart(place)  # the place can be inside an input folder
+            self._check_apart(place)  # the folder can be inside an input folder
 
     def may_replace(self, path: Path) -> bool:
         """Return whether a file at `path` may be replaced, even if it appears while the command runs."""
@@ -350,7 +352,7 @@ class Output:
 
     def _check_apart(self, path: Path) -> None:
         if not is_stream(path) and _identity(path) in self._inputs:
-            raise UsageError("USAGE", "it is an input; write the output to another file", file=path)
+            raise UsageError("USAGE", "the path is an input; write the output to another file", file=path)
 
     def reword(self, error: MsbError) -> None:
         """Replace the parameter `overwrite` in the message of an error by the option --force."""
@@ -375,7 +377,10 @@ class Output:
             self._write(self.json_lines, "".join(f"{line}\n" for line in lines))
 
     def write_csv(self, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
-        """Write `rows` to the file of --csv, if the option was given. Texts are escaped by `formula_safe`."""
+        """Write `rows` to the file of --csv, if this option was given.
+
+        The function `formula_safe` escapes texts that a spreadsheet would run as formulas.
+        """
         if self.csv_file is None:
             return
         import csv
@@ -413,10 +418,10 @@ def is_stdout(path: Path | None) -> bool:
 
 
 def _identity(path: Path) -> object:
-    """Return a key that is equal for all paths of the same file: its inode, or the path of a new file."""
+    """Return a key that is equal for all paths of a file. The key is the inode, or the path of a new file."""
     try:
         status = path.stat()
-    except (OSError, ValueError):  # the file does not exist, or its name is impossible
+    except (OSError, ValueError):  # the file does not exist, or its name is invalid
         return real_place(path)
     return status.st_dev, status.st_ino
 
@@ -429,12 +434,12 @@ def _add_version(document: dict[str, Any]) -> dict[str, Any]:
 def echo(text: str = "") -> None:
     """Print lines of a result on standard output.
 
-    On an ASCII stream arrows become words, and other characters become escapes. (typer.echo always writes
-    UTF-8.)
+    On an ASCII stream, words replace arrows, and escapes replace other characters. (typer.echo always
+    writes UTF-8.)
     """
     if not (sys.stdout.encoding or "").lower().startswith("utf"):
         text = text.translate(_PLAIN)
-    print(text)  # noqa: T201 - the only place that prints results
+    print(text)  # noqa: T201 - this is the only place that prints results
 
 
 def say(text: str) -> None:
@@ -459,20 +464,20 @@ def _print_progress(text: str) -> None:
 def _print_aside(text: str) -> None:
     """Print on standard error. If standard error is closed or full, the text is lost."""
     try:
-        print(text, file=sys.stderr, flush=True)  # noqa: T201 - the only place that prints notes and errors
+        print(text, file=sys.stderr, flush=True)  # noqa: T201 - only this line prints notes and errors
     except OSError:
         silence(sys.stderr)
 
 
 def silence(stream: IO[str]) -> None:
-    """Discard the buffer of `stream` and everything that is written to it later."""
+    """Discard the buffer of `stream`, and everything that is written to the stream later."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, stream.fileno())
     os.close(nowhere)
 
 
 def log(text: str, level: str) -> None:
-    """Write `text` to the log file, if there is one. After an error the log is closed."""
+    """Write `text` to the log file, if a log file is open. After an error the log is closed."""
     if not _LOG:
         return
     stamp = time.strftime("%Y-%m-%dT%H:%M:%S%z")
@@ -491,7 +496,7 @@ def _log_error(path: object, error: OSError) -> OutputError:
 
 
 def open_log(path: Path) -> None:
-    """Append to the log file at `path` from now on, beginning with the command line."""
+    """Open the log file at `path` for appending, and write the command line to the log."""
     import shlex
 
     try:
@@ -510,18 +515,18 @@ def _check_log(path: Path) -> None:
     with contextlib.suppress(FileNotFoundError), path.open("rb") as file:
         begin = file.read(_LOG_BEGINS_WITHIN)
         if begin and not _LOG_BEGINS.match(begin):
-            text = "it exists and is not a log of msb; name another file"
+            text = "the file exists and is not a log of msb; name another file"
             raise UsageError("OUTPUT_EXISTS", f"--log-file: {text}", file=path)
 
 
 _LOG_BEGINS = re.compile(rb"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\S{5,6} (INFO|DEBUG|ERROR) ")
 _LOG_BEGINS_WITHIN = 100
-# The log file, if there is one.
+# The log file, or None without a log.
 _LOG: list[IO[str]] = []
 
 
 def setting_text(value: object) -> str:
-    """Return the value of a setting as text, with the 7 digits of a float32."""
+    """Return the value of a setting as text with the 7 digits of a float32."""
     if value is None:
         return "none"
     return f"{value:.7g}" if isinstance(value, float) else str(value)

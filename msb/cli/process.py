@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # Exit status of a bug in this program: EX_SOFTWARE of sysexits.h.
 _INTERNAL = 70
-# Packages of this project. The folder of a capability can be missing in an installation.
+# Packages of this project. An installation can leave out some packages.
 _OURS = {"msb", "msb_viewers"}
 _NOT_READABLE = {errno.EACCES, errno.EPERM, errno.ENAMETOOLONG}
 
@@ -51,7 +51,8 @@ def _run(app: typer.Typer, name: str) -> int:
 
         command = get_command(app)
         if _is_completing():
-            # Typer calls this only for its two completion options, which are off, and does not export it.
+            # Typer calls this function only for its two completion options, which are off, and does not
+            # export it.
             from typer.completion import completion_init  # type: ignore[attr-defined]
 
             completion_init()
@@ -61,8 +62,8 @@ def _run(app: typer.Typer, name: str) -> int:
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     except (BrokenPipeError, SystemExit) as error:
-        # The reader of a pipe ended, as in `| head`. The end of a pipe is not an error, but typer and rich
-        # exit with 1.
+        # The program that reads the pipe has ended, as in `| head`. The end of a pipe is not an error. Typer
+        # and rich would exit with status 1.
         if not isinstance(error.__context__ if isinstance(error, SystemExit) else error, BrokenPipeError):
             raise
         silence(sys.stdout)
@@ -80,8 +81,8 @@ def _run(app: typer.Typer, name: str) -> int:
 def _interruption(error: BaseException) -> int | None:
     """Return the exit status of the interruption that led to `error`, or None without an interruption.
 
-    After an interruption, closing files can raise another error that replaces the interruption, for example
-    about an incomplete archive.
+    After an interruption, closing a file can raise another error, for example about an incomplete archive.
+    This error replaces the interruption.
     """
     before = error.__context__
     while before is not None:
@@ -97,11 +98,11 @@ def _interruption(error: BaseException) -> int | None:
 def _ending_on_signals() -> Iterator[None]:
     """Raise an exception on SIGTERM and SIGHUP, so that temporary files are removed.
 
-    Signals that already have a handler keep it.
+    Signals that already have a handler keep this handler.
     """
 
     def end(number: int, _frame: object) -> None:
-        raise SystemExit(128 + number)  # the status that shells report for a signal
+        raise SystemExit(128 + number)  # the exit status that shells report for a signal
 
     taken = []
     if threading.current_thread() is threading.main_thread():
@@ -118,9 +119,9 @@ def _ending_on_signals() -> Iterator[None]:
 
 
 def _open_closed_streams() -> None:
-    """Open closed standard streams on the null device.
+    """Open the null device for closed standard streams.
 
-    Otherwise the next file that is opened would get the number of a standard stream.
+    Otherwise the next opened file would become a standard stream.
     """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
@@ -128,14 +129,14 @@ def _open_closed_streams() -> None:
 
 
 def _output_error(error: Exception) -> OutputError | None:
-    """Return the error to report if `error` comes from writing to standard output, else None.
+    """Return the error to report if writing to standard output raised `error`, otherwise None.
 
-    Errors of other files are excluded: `msb.base.atomic` raises errors of msb, and an error of opening a file
-    contains a file name.
+    The function ignores errors of other files. An error of opening a file contains a file name, and
+    `msb.base.atomic` raises errors of msb.
     """
     if not isinstance(error, OSError) or error.filename is not None or error.errno not in DISK_ERRORS:
         return None
-    silence(sys.stdout)  # writing its buffer would fail again
+    silence(sys.stdout)  # writing the stream's buffer would fail again
     text = f"it cannot be written: {error.strerror}"
     return OutputError("OUTPUT_UNWRITABLE", text, file="standard output or a temporary file")
 
@@ -151,10 +152,11 @@ def _as_msb_error(error: Exception, name: str) -> MsbError | None:
     if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] in _OURS:
         text = f"this needs {error.name}, which is not part of this installation"
         return UsageError("EXTRA_MISSING", text)
-    if hasattr(error, "format_message"):  # usage errors of typer
+    if hasattr(error, "format_message"):  # usage errors that typer raises
         return UsageError("USAGE", _usage_text(error, name))
     if isinstance(error, OSError) and error.filename is not None and error.errno in _NOT_READABLE:
-        # For example, Path.exists can raise this error about an input. Errors of outputs have another class.
+        # For example, Path.exists can raise this error for an input path. Errors of outputs have another
+        # class.
         from msb.base.files import open_error
 
         return open_error(error, error.filename)
@@ -174,7 +176,8 @@ def _value_of(option: str) -> str:
 
 
 def _usage_text(error: Any, name: str) -> str:
-    """Return the text of a usage error, a similar option if the option is unknown, and the usage."""
+    """Return the text of a usage error with the usage line. For an unknown option, the text suggests a
+    similar option."""
     from msb.cli.command import plain_words
 
     text = plain_words(str(error.format_message()), error)

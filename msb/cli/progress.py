@@ -1,4 +1,4 @@
-"""Lines that report the progress of long work where standard error is not a terminal."""
+"""Lines that report the progress of long work. The lines are written if standard error is not a terminal."""
 
 from __future__ import annotations
 
@@ -7,30 +7,30 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 
-# Seconds between two lines, and before the first one. A night of work then fills a log with about 600 lines.
+# Seconds between two progress lines, and before the first line. A run of ten hours writes about 600 lines.
 INTERVAL = 60.0
 
 
 class ProgressLines:
-    """Writes the state of the current work once per `INTERVAL`, and at once if a caller asks for a line."""
+    """Writes the state of the current work once per `INTERVAL`. A caller can also request a line at once."""
 
     def __init__(self, write: Callable[[str], None]) -> None:
         self._write = write
         self._last = time.monotonic()
         self._wrote = False
-        # The state of each nested activity; the innermost is reported.
+        # The state of each nested activity; the innermost state is reported.
         self._states: list[Callable[[], str]] = []
         self._lock = threading.Lock()
 
     def write_first(self, state: str) -> None:
-        """Write `state` if no line was written yet, so that a log soon shows that the command works."""
+        """Write `state` unless a line was written already. The log then soon shows that the command works."""
         with self._lock:
             if not self._wrote:
                 self._put(state)
 
     @contextlib.contextmanager
     def watch(self, state: Callable[[], str]) -> Iterator[None]:
-        """Report ``state()`` during the block, also while one of its steps takes minutes."""
+        """Report ``state()`` during the block, even while a single step takes minutes."""
         self._states.append(state)
         ended = threading.Event()
         if len(self._states) == 1:

@@ -1,4 +1,4 @@
-"""Conversion of assets to files that other programs open without further settings."""
+"""Converts assets to files that other programs open without further settings."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""`msb convert`: converts between .triasset (packed or folder) and common mesh formats."""
+"""`msb convert` converts between .triasset (packed or folder) and common mesh formats."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ConvertOptions:
-    """The options that affect the written files."""
+    """The options that affect the contents of written files."""
 
     to: Annotated[
-        str | None, Option("Format of the outputs if IN is a folder. Default: glb.", metavar="SUFFIX")
+        str | None, Option("Format of the outputs, if IN is a folder. Default: glb.", metavar="SUFFIX")
     ] = None
     form: Annotated[
         Literal["packed", "folder"] | None,
@@ -34,8 +34,9 @@ class ConvertOptions:
     up: Annotated[
         UpDirection | None,
         Option(
-            "Axis or direction that points up in IN. A mesh file is rotated so that +y points up. COLMAP "
-            "scenes: about -y. Default: no rotation; for .glb and USD the up axis of IN, if it is known.",
+            "Axis or direction that points up in IN. In a mesh file, this direction is rotated to +y. "
+            "In COLMAP scenes this direction is about -y. Default: no rotation; for .glb and USD the up axis "
+            "of IN, if known.",
             metavar="AXIS|X,Y,Z",
         ),
     ] = None
@@ -53,13 +54,13 @@ class ConvertOptions:
     engine: Annotated[
         Engine | None,
         Option(
-            "Write a .glb that this program opens correctly without import settings. web: the smallest file "
-            "that keeps a PSNR of 50 dB, compressed, with WebP textures and reordered faces. All others: the "
-            "same file as without this option.",
+            "Write a .glb that this program opens correctly without import settings. web: the smallest "
+            "compressed file that keeps a PSNR of 50 dB, with WebP textures and reordered faces. All "
+            "other programs: the same file as without this option.",
             ("--for",),
         ),
     ] = None
-    official: Annotated[bool, Option("Write the file that the method's official exporter writes.")] = False
+    official: Annotated[bool, Option("Write the same file as the method's official exporter.")] = False
 
 
 @command(
@@ -77,7 +78,7 @@ def convert(
     target: Annotated[
         Path,
         Argument(
-            "The output; its suffix selects the format. For an input folder: the output folder.",
+            "The output file; its suffix selects the format. For an input folder: the output folder.",
             metavar="OUT",
             output="own",
         ),
@@ -86,20 +87,21 @@ def convert(
     output: PlainOutput,
     typed: Typed,
 ) -> None:
-    """Convert between .triasset and mesh files. All vertices and faces, their order and colours are kept.
+    """Convert between .triasset and mesh files. All vertices and faces, their order and their colours are
+    kept.
 
     Mesh formats are .glb, .obj, .off, .ply, .stl, .usd, .usda, .usdc, .usdz and .gltf (read only). Notes list
-    data that OUT cannot store, and data of IN that is ignored (normals, lights, bones).
+    the data that OUT cannot store, and the ignored data of IN (normals, lights, bones).
 
     An asset is converted to its standard-tier mesh: opaque and unlit, with textures or static colours. With
-    --official the method's official exporter writes the file. Such a file may have alpha, duplicated faces or
-    merged vertices.
+    --official the method's official exporter writes the file. Files of an official exporter may have alpha,
+    duplicated faces or merged vertices.
     """
     if options.official:
         names = ["form", "up", "scale", "known_distance", "floor", "color", "texture", "engine"]
         typed.reject(names, "cannot be combined with --official")
     if options.engine is not None:
-        typed.reject(["color", "texture"], "cannot be combined with --for, which sets it")
+        typed.reject(["color", "texture"], "cannot be combined with --for, which sets this option")
     from msb.api.command_files import check_asset_place
     from msb.api.inputs import expand
     from msb.cli.output import report_error
@@ -124,14 +126,15 @@ def convert(
         if "to" in typed:
             raise UsageError(
                 "USAGE",
-                f"--to needs an input folder; for a single file the suffix of {target.name} sets the format",
+                f"--to applies only to an input folder; for a single file the suffix of {target.name} "
+                "sets the format",
             )
         conversion.check_target(target)
         check_asset_place(target, options.form, output)
         _convert(conversion, source, target, output)
         return
     outputs = _choose_outputs(source, inputs, target, options.to or "glb")
-    for output_path in outputs.values():  # check all outputs before the first is written
+    for output_path in outputs.values():  # check all output paths before the first file is written
         conversion.check_target(output_path)
         check_asset_place(output_path, options.form, output)
     status = EXIT_OK
@@ -146,16 +149,16 @@ def convert(
 
 
 def _choose_outputs(source: Path, inputs: list[Path], target: Path, to: str) -> dict[Path, Path]:
-    """Return the output path of each input path.
+    """Return the output path for each input path.
 
-    The outputs have the same folder layout in `target` as the inputs in `source`.
+    The folder layout of the outputs in `target` is the layout of the inputs in `source`.
     """
     from msb.asset import is_asset
     from msb.delivery.saving import output_suffix
 
     suffix = output_suffix(Path(f"{inputs[0].stem}.{to.removeprefix('.')}"), "an output")
     if target.suffix and not target.is_dir():
-        text = f"{source} has {len(inputs)} inputs, so OUT must be a folder; --to selects the format"
+        text = f"{source} has {len(inputs)} inputs, so OUT must be a folder; pass --to for the format"
         raise UsageError("USAGE", text, file=target)
     root = source if source.is_dir() else None
     outputs = {}
@@ -167,13 +170,13 @@ def _choose_outputs(source: Path, inputs: list[Path], target: Path, to: str) -> 
     for path, output_path in outputs.items():
         if output_path in taken:
             text = f"{taken[output_path]} and this file would both be written to {output_path}"
-            raise UsageError("USAGE", f"{text}; convert one of them alone", file=path)
+            raise UsageError("USAGE", f"{text}; convert these files separately", file=path)
         taken[output_path] = path
     return outputs
 
 
 def _convert(conversion: Conversion, source: Path, target: Path, output: Output) -> None:
-    """Convert one input; print the contents of the output, and notes on missing data."""
+    """Convert one input; print the contents of the output, and notes about missing data."""
     done = conversion.run(source, target)
     if not output.quiet:
         echo(f"{target}: {', '.join(done.contents)}")

@@ -1,4 +1,4 @@
-"""The function `msb.convert`, which converts one model. `msb convert` calls the same code for each input."""
+"""The function `msb.convert`, which converts one model; `msb convert` calls the same code per input."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -50,9 +50,10 @@ class Converted:
     path : Path
         The written file.
     contents : tuple of str
-        Its contents: the numbers of vertices and faces, kinds of colours, the rotation, and measured quality.
+        The contents of the file: numbers of vertices and faces, kinds of colours, the rotation, and measured
+        quality.
     notes : tuple of str
-        Warnings about the input, and data that the file does not hold.
+        Warnings about the input, and a list of data that the file does not contain.
     """
 
     path: Path
@@ -75,7 +76,7 @@ def convert(
     engine: Engine | None = None,
     official: bool = False,
 ) -> Converted:
-    """Convert a model or mesh to the format of the suffix of `target`, as `msb convert` does.
+    """Convert a model or mesh. The suffix of `target` sets the format, as in `msb convert`.
 
     Vertices and faces, their order and colours are kept as far as the format allows. A mesh file keeps the
     precision of its coordinates, unless the format of the output has only float32. If an error occurs, no
@@ -84,7 +85,7 @@ def convert(
     Parameters
     ----------
     source : path-like
-        A `.triasset`, a checkpoint or a mesh file. Use `msb.save` for an asset in memory.
+        A `.triasset`, a checkpoint or a mesh file. An asset in memory is written by `msb.save`.
     target : path-like
         The output.
     overwrite : bool
@@ -93,10 +94,10 @@ def convert(
         The form of a `.triasset`. Default: packed.
     up : str, optional
         The direction that points up in `source`: an axis such as "-y", or "X,Y,Z". A mesh file is rotated so
-        that +y points up, a `.triasset` records the direction. Default: no rotation; for `.glb` and USD the
-        up axis of `source`, if it is known.
+        that +y points up; a `.triasset` records the direction instead. Default: no rotation; for `.glb` and
+        USD the up axis of `source`, if known.
     scale : float, optional
-        The length of the unit of `source` in metres. Mesh files are written in metres.
+        The length of the unit of `source` in metres. With `scale`, mesh files are written in metres.
     known_distance : (str, str, str), optional
         In place of `scale`: two points "X,Y,Z" of `source` and their distance, such as "1.2m".
     floor : bool
@@ -104,7 +105,7 @@ def convert(
     color, texture, engine : str, optional
         As in `msb.save`.
     official : bool
-        Write the file that the method's official exporter writes.
+        Write the same file as the method's official exporter.
 
     Returns
     -------
@@ -134,15 +135,18 @@ def convert(
         check_choice("form", form, get_args(Form))
     frame = make_frame(up, scale, known_distance)
     if official and (floor or (form, frame, color, texture, engine) != (None,) * 5):
-        text = "form, up, scale, floor, color, texture and engine cannot be combined with official"
+        text = (
+            "form, up, scale, floor, color, texture and engine cannot be combined with official; pass "
+            "only official"
+        )
         raise UsageError("USAGE", text)
     conversion = Conversion(
         form, frame, color, texture, engine, floor=floor, official=official, overwrite=overwrite
     )
     conversion.check_target(output_path)
     if real_place(place) == real_place(output_path):
-        raise UsageError("USAGE", "it is an input; write the output to another file", file=output_path)
-    if official and not overwrite:  # all other writers do this check themselves
+        raise UsageError("USAGE", "this path is an input; write the output to another file", file=output_path)
+    if official and not overwrite:  # only the official writer does not check this
         check_new(output_path)
     warnings: list[str] = []
     done = replace(conversion, note=warnings.append).run(place, output_path)
@@ -156,7 +160,10 @@ def _silent(_text: str) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Conversion:
-    """The options of a conversion. `stage` shows the stages of the work while they run."""
+    """The options of a conversion, with hooks for checks and warnings.
+
+    `stage` displays the current stage of the work.
+    """
 
     form: Form | None = None
     frame: Frame | None = None
@@ -167,36 +174,41 @@ class Conversion:
     official: bool = False
     overwrite: bool = False
     stage: Stage = _silent
-    # Checks that a companion file of a mesh may be written.
+    # Check whether a file beside the mesh, such as a texture, may be written.
     check_free: Callable[[Path], None] = lambda path: None
-    # Receives each warning about the input when it is found.
+    # Receives each warning about the input immediately.
     note: Callable[[str], None] = lambda text: None
 
     def check_target(self, target: Path) -> None:
-        """Check the suffix of an output.
+        """Check the suffix of an output path.
 
-        Also check that its format stores the data that the options affect.
+        Also check that the format stores the data that the options affect.
         """
         suffix = target.suffix.lower()
         keeps = FORMATS[suffix].keeps if suffix in FORMATS else ("textures",)
         if self.texture is not None and "textures" not in keeps:
-            raise UsageError("USAGE", f"--texture needs a format that stores textures; {suffix} does not")
+            raise UsageError(
+                "USAGE", f"--texture needs a format that stores textures, which {suffix} does not"
+            )
         if self.color is not None and not keeps:
-            raise UsageError("USAGE", f"--color needs a format that stores colours; {suffix} does not")
+            raise UsageError("USAGE", f"--color needs a format that stores colours, which {suffix} does not")
         if not self.official:
             output_suffix(target, "OUT")
 
     def run(self, source: Path, target: Path) -> Converted:
-        """Convert one input, whose output was checked by `check_target`."""
+        """Convert one input; `check_target` has checked the output path before."""
         if self.official:
             return self._write_official(source, target)
         if target.suffix.lower() == ASSET_SUFFIX:
             if (self.color, self.texture, self.engine) != (None,) * 3:
-                text = "--color, --texture and --for apply to mesh files; a .triasset stores what IN has"
+                text = (
+                    "--color, --texture and --for apply to mesh files only; a .triasset stores the data "
+                    "of IN unchanged"
+                )
                 raise UsageError("USAGE", text)
             return self._write_asset(source, target)
         if self.form is not None:
-            text = f"--form applies to .triasset only; {target.name} is a mesh file"
+            text = f"--form applies to .triasset only, but {target.name} is a mesh file"
             raise UsageError("USAGE", text)
         return self._write_mesh(source, target)
 
@@ -216,7 +228,7 @@ class Conversion:
         return Converted(target, asset.manifest.counts, ())
 
     def _choose_frame(self, asset: Asset, known: Frame | None) -> Frame:
-        """Return the frame that `asset` or a mesh records, with the given parts and the floor."""
+        """Return the coordinate frame of `asset` or of a mesh file, with the given changes and the floor."""
         frame, given = known or Frame(), self.frame or Frame()
         frame = replace(frame, up=given.up or frame.up)
         if given.meters_per_unit is not None:
@@ -233,17 +245,21 @@ class Conversion:
         asset = self._open(source)
         with self.stage(f"writing {target.name}"), about(source):
             write_official(asset, target)
-        return Converted(target, (f"written like the official exporter of {asset.manifest.method}",), ())
+        return Converted(
+            target, (f"written in the form of the official exporter of {asset.manifest.method}",), ()
+        )
 
     def _write_mesh(self, source: Path, target: Path) -> Converted:
         suffix, asset = output_suffix(target, "OUT"), None
         if is_mesh_file(source):
             with self.stage(f"reading {source.name}"):
-                mesh = read_mesh(source)  # not as an asset, which would round coordinates to float32
+                mesh = read_mesh(source)  # an asset would round the coordinates to float32
             ignored, known = list(mesh.left_out), True
             mesh, bad = without_bad_faces(mesh)
             if bad:
-                self.note(f"{source}: {bad:,} faces have coordinates that are not finite; they are left out")
+                self.note(
+                    f"{source}: {bad:,} faces have coordinates that are not finite; these faces are omitted"
+                )
         else:
             asset = self._open(source)
             mesh, ignored = mesh_from_asset(asset), list_dropped_features(asset)
@@ -258,16 +274,16 @@ class Conversion:
             style, quality = choose_style(
                 mesh, target, asset, color=self.color, texture=self.texture, engine=self.engine
             )
-        # Errors about coordinates and indices name the source, not the target.
+        # Errors about coordinates and indices name the source file, not the target file.
         with self.stage(f"writing {target.name}"), about(source):
             storable = fit_to_format(mesh, suffix, is_upright=is_upright)
             write_whole(storable, target, style, overwrite=self.overwrite, check_companion=self.check_free)
         changes = [f"rotated upright (the up axis was {mesh.up})"] if mesh.up != storable.up else []
         unit = None if mesh.frame is None else mesh.frame.meters_per_unit
-        changes += [f"scaled to metres (a unit was {unit:g} m)"] if unit is not None else []
+        changes += [f"scaled to metres (one unit was {unit:g} m)"] if unit is not None else []
         changes += ["lowered to the floor"] if self.floor else []
         if mesh.meters_per_unit not in (None, 1.0):
-            changes.append(f"scaled to metres (a unit was {mesh.meters_per_unit:g} m)")
+            changes.append(f"scaled to metres (one unit was {mesh.meters_per_unit:g} m)")
         contents = (*_list_contents(storable, suffix), *changes, *([quality] if quality else []))
         loss = ""
         if mesh.textures and not storable.textures and storable.vertex_colors is not None:
@@ -280,7 +296,7 @@ class Conversion:
 
 
 def _list_contents(mesh: Mesh, suffix: str) -> list[str]:
-    """Return the numbers of vertices and faces, and the kinds of colours that the file stores."""
+    """Return the numbers of vertices and faces, and the kinds of colours in the file."""
     form = FORMATS[suffix]
     counts = [f"{len(mesh.vertices):,} vertices", f"{len(mesh.faces):,} faces"]
     if mesh.textures and form.list_stored:

@@ -1,4 +1,4 @@
-"""Writing an asset to a file in the format of its suffix."""
+"""Writes an asset to a file. The suffix of the file sets the format."""
 
 import os
 from collections.abc import Sequence
@@ -30,18 +30,18 @@ def save(
     engine: Engine | None = None,
     progress: Progress | None = None,
 ) -> None:
-    """Write `asset` to a file in the format of its suffix. If an error occurs, no file is written.
+    """Write `asset` to a file. The suffix of `path` sets the format. If an error occurs, no file is written.
 
     Parameters
     ----------
     asset : Asset
     path : path-like
-        `.triasset` stores the asset unchanged. `.glb`, `.ply` and the other writable mesh formats store its
-        standard-tier mesh, as `msb convert` does: opaque, with static colours (except STL) and, in `.glb` and
-        `.obj`, with textures. An `.obj` file has its `.mtl` file and images beside it. A `.glb` is rotated so
-        that +y points up, as glTF specifies, if the up axis of the asset is known.
+        `.triasset` stores the asset unchanged. `.glb`, `.ply` and other mesh formats store the opaque
+        standard-tier mesh of the asset, like `msb convert`. The mesh has static colours (except in STL), and
+        textures in `.glb` and `.obj`. An `.obj` file is written with an `.mtl` file and images. If the up
+        axis of the asset is known, a `.glb` is rotated so that +y points up, as glTF specifies.
     overwrite : bool
-        Replace an existing file. Devices and pipes are always written to.
+        Replace an existing file. Devices and pipes are always accepted.
     form : {"packed", "folder"}
         The form of a `.triasset`: a single file (ZIP with uncompressed, 64-byte aligned members) or a folder.
     color : {"linear", "srgb"}, optional
@@ -51,9 +51,9 @@ def save(
         The image format of textures in `.glb` and `.obj`. Default: PNG, which is lossless.
     engine : {"unreal", "unity", "godot", "blender", "three", "web"}, optional
         Write a `.glb` that this program opens correctly without import settings. For "web" the file is the
-        smallest that keeps a PSNR of 50 dB in images of the asset: compressed, with WebP textures and
-        reordered faces; this needs the extra `compressed`. For all others the file is the same as without
-        this option. The option cannot be combined with `color` or `texture`.
+        smallest compressed file that keeps a PSNR of 50 dB in images of the asset, with WebP textures and
+        reordered faces; this needs the extra `compressed`. For all other programs the file is the same as
+        without this option. `engine` cannot be combined with `color` or `texture`.
     progress : callable, optional
         Called as ``progress("writing", done, total)``, in bytes, while a `.triasset` is written.
 
@@ -76,13 +76,15 @@ def save(
     suffix = output_suffix(target)
     if suffix == ASSET_SUFFIX:
         if (color, texture, engine) != (None,) * 3:
-            text = f"color, texture and engine apply to mesh files only; {target.name} is stored unchanged"
+            text = (
+                f"color, texture and engine apply to mesh files only, but {target.name} is stored unchanged"
+            )
             raise UsageError("USAGE", text, file=target)
         write_asset(asset, target, form, overwrite=overwrite, progress=progress)
         return
     if form != "packed":
         raise UsageError(
-            "USAGE", f"form applies to {ASSET_SUFFIX} only; {target.name} is a mesh file", file=target
+            "USAGE", f"form applies to {ASSET_SUFFIX} only, but {target.name} is a mesh file", file=target
         )
     with about(asset.path):
         mesh = mesh_from_asset(asset)
@@ -99,10 +101,10 @@ def choose_style(
     texture: Picture | None = None,
     engine: Engine | None = None,
 ) -> tuple[Style, str | None]:
-    """Return the style for writing `mesh` to `target`.
+    """Return the output style for writing `mesh` to `target`.
 
-    The second value describes its image quality (web only). `mesh` is the mesh of `asset`, or of a mesh file.
-    `save` describes the options.
+    The second return value describes the measured image quality (web only). `mesh` is the mesh of `asset`, or
+    the mesh of a mesh file. The options are the same as in `save`.
 
     Raises
     ------
@@ -129,13 +131,13 @@ def choose_style(
 
 
 def check_choice(name: str, value: Any, known: Sequence[str]) -> None:
-    """Raise USAGE if an option does not have one of its values."""
+    """Raise USAGE unless `value` is an allowed value of the option."""
     if value not in known:
         text = f'{name} "{shorten(str(value), 40)}" does not exist; choose from {", ".join(known)}'
         raise UsageError("USAGE", text)
 
 
-# The commands that write pages, images, films and other outputs, with the suffixes of these outputs.
+# The commands that write pages, images, films and other outputs, with the suffixes of these files.
 _OTHER_OUTPUTS = {
     "a page": ("msb web", (".html", ".htm")),
     "images": ("msb render", (".png", ".npy", ".exr")),
@@ -148,10 +150,10 @@ _OTHER_MODELS = (".gltf", ".fbx", ".usd", ".usda", ".usdc", ".usdz", ".dae", ".b
 
 
 def output_suffix(path: Path, name: str = "the output") -> str:
-    """Return the suffix of `path` in lower case if that format can be written, else raise USAGE.
+    """Return the suffix of `path` in lower case if the format can be written, else raise USAGE.
 
-    The error message calls the path `name`. For outputs that are not models, the message also names the
-    command that writes them.
+    Error messages use `name` for the path. If the suffix is not the format of a model, the message names the
+    command that writes such files.
     """
     suffix, known = path.suffix.lower(), (ASSET_SUFFIX, *list_written_suffixes())
     if suffix in known:
@@ -162,4 +164,4 @@ def output_suffix(path: Path, name: str = "the output") -> str:
     if suffix in _OTHER_MODELS:
         hint = "; write .glb for Blender and game engines"
     description = f'is "{path.name}"' + (", a folder" if is_folder(path) else "")
-    raise UsageError("USAGE", f"{name} {description}; it must end in {', '.join(known)}{hint}")
+    raise UsageError("USAGE", f"{name} {description}; the path must end in {', '.join(known)}{hint}")

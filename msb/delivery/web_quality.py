@@ -1,14 +1,18 @@
 """Chooses the coarsest web encoding of a mesh that keeps an image quality of 50 dB.
 
-A GLB for the web stores quantised positions, quantised colours and compressed textures. Each of the three
-adds an error to the images of the mesh. The mean squared errors of independent parts add up approximately.
-Therefore the search measures each part separately, and distributes the error that 50 dB allow:
+A GLB for the web stores quantised positions, quantised colours and compressed textures. Quantised positions,
+quantised colours and compressed textures each add an error to the images of the mesh. The mean squared errors
+of independent steps add up approximately. Therefore the search measures each compression step separately, and
+divides the error that a PSNR of 50 dB allows:
 
 1. Measure the error of the compressed textures.
-2. For each precision of the colours, measure their error. Subtract both errors from the allowed error. Find
-   by bisection the fewest bits of positions whose error fits in the remainder.
-3. Take the combination with the smallest file. Then adjust the bits of positions until the whole file just
-   keeps 50 dB.
+
+2. For each precision of the colours, measure the error of the colours. Subtract the errors of textures and
+colours from the allowed error. By bisection, find the smallest number of position bits with at most the
+remaining error.
+
+3. Use the combination with the smallest file. Finally adjust the number of position bits until the whole file
+has at least 50 dB.
 """
 
 from __future__ import annotations
@@ -27,37 +31,38 @@ from msb.meshes import Mesh
 from msb.meshes.formats import FORMATS, Style, Web
 from msb.scenes import Camera
 
-# Minimum PSNR in dB of a file for the web against the mesh. Differences are invisible above about 40 dB.
+# Minimum PSNR in dB between images of a web file and of the original mesh. Image differences are invisible
+# above about 40 dB.
 MIN_PSNR = 50.0
-# Samples per pixel along each axis of the compared images. With fewer samples, edges would dominate the
-# error.
+# Samples per pixel along each axis of the compared images. With fewer samples per pixel, edges would dominate
+# the error.
 _SAMPLES = 4
-# Range of the search for the precision of positions, in quarters of a bit: 10 to 22 bits.
+# Search range for the precision of positions, in quarters of a bit: 10 to 22 bits.
 _COARSEST, _FINEST = 40, 88
-# Precisions of vertex colours, which are stored as linear light, from coarse to fine. None: every channel has
-# one byte. A number: a channel gets a second byte if the error of one byte exceeds this number of levels of
-# 8-bit sRGB.
+# Precisions of vertex colours (stored as linear light), from coarse to fine. With None, each channel is
+# stored in one byte. A number is the largest allowed error of one byte, in levels of 8-bit sRGB. With a
+# larger error, a channel is stored in two bytes.
 _LEVELS = (None, 4.0, 2.0, 1.0, 0.5)
 
 
 @dataclass(frozen=True)
 class ImageLoss:
-    """Measurement of the difference between images of `mesh` and images of other meshes.
+    """Measures the difference between images of `mesh` and images of other meshes.
 
-    `views` describes the cameras in words, for messages. `why_not` is the reason why nothing can be judged in
-    these views, or None.
+    `views` describes the cameras for messages. `why_not` is the reason why the images cannot be compared, or
+    None.
     """
 
     mesh: Mesh
     cameras: list[Camera]
     views: str
     why_not: str | None = None
-    # Images of `mesh`, each (H, W, 3), by the number of samples per pixel along each axis.
+    # Cached images (H, W, 3) of `mesh`. The key is the number of samples per pixel along each axis.
     _images: dict[int, list[NDArray[np.float32]]] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, mesh: Mesh, asset: Asset | None) -> ImageLoss:
-        """Return the measurement for the mesh of `asset`, or of a mesh file without an asset."""
+        """Return the measurement for the mesh of `asset`, or for a mesh file without an asset."""
         from msb.meshes.assets import asset_from_mesh
         from msb.views import choose_views
 
@@ -71,7 +76,7 @@ class ImageLoss:
         """Return the PSNR in dB of `other`, in images with `samples` samples per pixel along each axis."""
         from msb.views import psnr_over_views
 
-        if samples not in self._images:  # a search compares many meshes with the same images
+        if samples not in self._images:  # the cached images are compared with many meshes in a search
             self._images[samples] = self._draw(self.mesh, samples)
         return psnr_over_views(self._images[samples], self._draw(other, samples))
 
@@ -81,7 +86,7 @@ class ImageLoss:
         return render_standard(mesh, self.cameras, supersample=samples)
 
     def describe(self, other: Mesh) -> str:
-        """Return the PSNR of `other` as text to append to a sentence; "" if it cannot be measured."""
+        """Return the PSNR of `other` as text for the end of a sentence; "" if it cannot be measured."""
         if self.why_not is not None:
             return ""
         try:
@@ -91,9 +96,9 @@ class ImageLoss:
 
 
 def web_style(images: ImageLoss) -> tuple[Style, str]:
-    """Return the coarsest style of a file for the web that keeps 50 dB, and the measured quality in words.
+    """Return the coarsest web style that keeps 50 dB, and a text about the measured quality.
 
-    If there is no device to draw with, or the mesh covers too few pixels, return the finest style.
+    Without an OpenCL device, or if the mesh covers too few pixels, return the finest style.
     """
     if images.why_not is not None:
         return _style(Web(_FINEST, _LEVELS[-1])), f"quality not measured ({images.why_not})"
@@ -104,7 +109,7 @@ def web_style(images: ImageLoss) -> tuple[Style, str]:
 
 
 def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
-    """Run the search that the docstring of this module describes. Errors are mean squared errors."""
+    """Search for the style. The docstring of this module describes the search."""
     from msb.meshes.glb_web import Grid, convert_to_srgb, quantize_light
 
     mesh = as_glb(images.mesh)
@@ -116,7 +121,8 @@ def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
         return _squared_error(images.loss(replace(mesh, vertices=grid.positions)))
 
     def fewest_bits(room: float, *, by_distance: bool) -> int:
-        """Return the lowest precision of positions with an error of at most `room`, in quarters of a bit."""
+        """Return the lowest precision of positions with an error of at most `room`. The unit is a quarter of
+        a bit."""
         low, high = _COARSEST, _FINEST
         while low < high:
             middle = (low + high) // 2
@@ -126,7 +132,8 @@ def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
                 low = middle + 1
         return low
 
-    # The error of textures. The finest positions and colours add almost nothing to this error.
+    # Measure the error of the textures. The finest positions and colours add almost nothing to the texture
+    # error.
     texture_error = 0.0
     if mesh.textures:
         finest = _style(Web(_FINEST, _LEVELS[-1]))
@@ -143,14 +150,15 @@ def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
         for by_distance in (False, True) if is_unindexed(mesh.faces, len(mesh.vertices)) else (False,):
             web = Web(fewest_bits(room, by_distance=by_distance), levels, by_distance)
             candidates.append((web.quarters == _FINEST, len(_encode(mesh, _style(web))), web))
-    # Prefer candidates that do not need the finest precision. Among these, take the smallest file.
+    # Prefer candidates that do not need the finest precision. Among the remaining candidates, use the
+    # candidate with the smallest file.
     web = min(candidates, key=lambda candidate: candidate[:2])[2]
 
     @cache
     def whole_loss(quarters: int) -> float:
         return images.loss(encode_and_read(mesh, _style(replace(web, quarters=quarters))))
 
-    # Adjust the precision of the positions, because the errors add up only approximately.
+    # Adjust the precision of the positions, because errors of separate steps add up only approximately.
     quarters = web.quarters
     while quarters > _COARSEST and whole_loss(quarters - 1) >= MIN_PSNR:
         quarters -= 1
@@ -170,14 +178,15 @@ def _style(web: Web) -> Style:
 
 
 def as_glb(mesh: Mesh) -> Mesh:
-    """Return `mesh` with the data that a GLB can store, in its original coordinates."""
+    """Return `mesh` as it is read back from a GLB with this style. The result is in the original
+    coordinates."""
     from msb.meshes.assets import fit_to_format
 
     return fit_to_format(replace(mesh, up=None, frame=None), ".glb")
 
 
 def _encode(mesh: Mesh, style: Style) -> bytes:
-    """Return the GLB of a mesh."""
+    """Return the GLB of a mesh as bytes."""
     from msb.meshes import write_mesh
 
     file = io.BytesIO()

@@ -1,9 +1,9 @@
-"""Statistics of the differences between two renderers.
+"""Computes statistics of the differences between two renderers.
 
-The largest difference of two images says little about their agreement. Graphics hardware snaps triangle
-corners to a grid of 1/256 pixel, some software renderers to 1/16 pixel, and ray tracers do not snap corners
-at all. Two correct renderers may therefore show different faces in pixels at edges and intersections. In the
-interior of a face, two renderers must agree.
+The largest difference of two images is not a useful measure of their agreement. Graphics hardware snaps
+triangle corners to a grid of 1/256 pixel. Some software renderers snap to 1/16 pixel, and ray tracers do not
+snap corners. Two correct renderers may show different faces at edges and intersections. Inside a face, away
+from its edges, two renderers must agree.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,9 @@ from msb.render.frame import Frame, interior
 
 @dataclass(frozen=True)
 class Agreement:
-    """The differences between a renderer's images and ours. A level is a step of an 8-bit channel, 1/255.
+    """The differences between the images of another renderer and our images.
+
+    A level is a step of an 8-bit channel, 1/255.
 
     Attributes
     ----------
@@ -26,11 +28,12 @@ class Agreement:
     within_a_level : float
         Share of pixels whose channels all differ by at most one level.
     psnr : float
-        The PSNR in decibels of the images clamped to [0, 1]; infinite if they are equal.
+        The PSNR in decibels of the images clamped to [0, 1]; infinite if the images are equal.
     covered_alike : float
         Share of pixels with a face in both images or in neither.
     interior : int
-        Number of interior pixels: our image shows one face in their whole 3 x 3 neighbourhood.
+        Number of interior pixels: our image shows the same face in the whole 3 x 3 neighbourhood of the
+        pixel.
     interior_within_a_level : float
         Share of the interior pixels within one level; 1 without interior pixels.
     interior_p999, interior_max : float
@@ -48,7 +51,8 @@ class Agreement:
 
 
 def agreement(theirs: Sequence[Frame], ours: Sequence[Frame]) -> Agreement:
-    """Return the agreement of `theirs` with `ours`, pooled over all frames; `ours` must have face ids."""
+    """Return the agreement of `theirs` with `ours` over all frames. The frames of `ours` must have face
+    ids."""
     levels, squares, alike, inside = [], [], [], []
     for frame, reference in zip(theirs, ours, strict=True):
         assert reference.face_id is not None

@@ -1,7 +1,7 @@
-"""Renderers `blender_cycles` and `blender_workbench`: Blender as the module bpy, in a child process.
+"""The renderers `blender_cycles` and `blender_workbench` run Blender as the module bpy in a child process.
 
-Blender imports the PLY or GLB file that `msb convert` writes, as an artist would do. docs/engines.md lists
-the settings for exact colours. `blender_worker.py` is the program of the child process.
+Blender imports the PLY or GLB file that `msb convert` writes, as an artist would do. The page docs/engines.md
+lists the settings for exact colours. `blender_worker.py` is the program of the child process.
 """
 
 import contextlib
@@ -28,20 +28,20 @@ from msb.render.frame import Frame
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
-# The environment variable with the path of a Python that has bpy. The variable is needed only if the Python
-# of msb has no bpy.
+# The environment variable with the path of a Python interpreter that has bpy. The variable is only needed if
+# the Python interpreter of msb has no bpy.
 VARIABLE = "MSB_BLENDER"
-# Limits of Blender: smallest and largest width or height in pixels, and largest ratio of a pixel's sides.
+# Limits of Blender: smallest and largest side of an image in pixels, and largest pixel aspect ratio.
 _MIN_SIDE, _MAX_SIDE, _MAX_ASPECT = 4, 65536, 200.0
-# Width of the sensor in millimetres. Only the ratio of the width to the focal length matters. A wide sensor
-# keeps the focal length above Blender's minimum of 1 mm.
+# Width of the camera sensor in millimetres. Images depend only on the ratio of the sensor width to the focal
+# length. A wide sensor keeps the focal length above 1 mm, the minimum in Blender.
 _SENSOR = 100.0
-# Rotation from Blender's camera axes (x right, y up, looking along -z) to OpenCV's.
+# Rotation from Blender's camera axes (x right, y up, looking along -z) to OpenCV's camera axes.
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
-# The rotation from y up to z up that Blender's glTF importer applies.
+# The rotation from y up to z up that Blender's glTF importer applies to a model.
 _GLB_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
-# Maximum time of a request in seconds. After this time Blender is ended. Cycles takes minutes for large
-# meshes.
+# Maximum time of a request in seconds. Blender is stopped when a request takes longer. Cycles takes minutes
+# to render large meshes.
 _LONGEST_SECONDS = 1800
 # Depths above this value mark pixels without a face in Blender's images.
 _FAR = 1e10
@@ -53,11 +53,12 @@ class _Blender(Engine):
     Parameters
     ----------
     source : {"ply", "glb"}
-        The file format of the mesh. Blender's PLY importer keeps float colours; its glTF importer rounds them
-        to bytes. Meshes with textures are always passed as GLB.
+        The file format of the mesh. Blender's PLY importer keeps float colours, but its glTF importer rounds
+        colours to bytes. Meshes with textures are always passed as GLB.
     defaults : bool
-        Keep Blender's default colour management instead of the settings for exact colours, to show its
-        effect. Images are then read from the 8-bit PNG that Blender writes.
+        Keep Blender's default colour management instead of the settings for exact colours, to show the effect
+        of these settings. With the default colour management, images are read from the 8-bit PNG that Blender
+        writes.
     """
 
     engine: ClassVar[str]
@@ -111,30 +112,33 @@ class _Blender(Engine):
         self.device_info = self._device_info(about)
         if self._kind == "gpu" and self.device_info["kind"] == "cpu":
             self.close()
-            text = f"Blender found no GPU, only {self.device_info['name']}; use --device cpu to draw with it"
+            text = (
+                f"Blender found no GPU, only {self.device_info['name']}; pass --device cpu to draw with "
+                "this device"
+            )
             raise DeviceError("DEVICE_NOT_FOUND", text)
 
     def _check_device(self) -> None:
-        """Raise an error if this engine cannot draw the asset or cannot draw on the requested device."""
+        """Raise an error if Blender cannot draw the asset, or cannot draw on the requested device."""
 
     def _device_info(self, about: Mapping[str, Any]) -> Mapping[str, str]:
-        """Return the value of `device_info`, from the worker's answer to its first request."""
+        """Return the value for `device_info`, which the worker sends with its first answer."""
         raise NotImplementedError
 
     @classmethod
     def missing(cls) -> str | None:
-        """Return which package is missing, or None."""
+        """Return the name of a missing package, or None."""
         if _python() is not None:
-            # If another Python has bpy, the Python of msb needs only the package OpenEXR.
+            # If another Python has bpy, the Python of msb only needs the package OpenEXR.
             return None if is_installed("OpenEXR") else f"OpenEXR is not installed: {install('bench')}"
         if os.environ.get(VARIABLE):
             return f"{VARIABLE} is {shorten(os.environ[VARIABLE], 80)}, which is not an executable file"
         text = f"bpy is not installed: {install('blender')} with Python 3.11 or 3.13"
-        return f"{text}, or set {VARIABLE} to a Python that has it"
+        return f"{text}, or set {VARIABLE} to a Python interpreter that has bpy"
 
     @classmethod
     def installed(cls) -> str:
-        """Return the version of bpy, or "" if it is not installed."""
+        """Return the version of bpy, or "" if bpy is not installed."""
         python = _python()
         if python is None:
             return ""
@@ -145,7 +149,7 @@ class _Blender(Engine):
         return process.stdout.strip()
 
     def memory(self) -> Mapping[str, int]:
-        """Return the growth of Blender's process in bytes since its start; Blender reports no details."""
+        """Return the memory growth of Blender's process in bytes. Blender does not report memory by use."""
         return {"Blender's process": max(0, self._resident - self._baseline)}
 
     def close(self) -> None:
@@ -181,13 +185,13 @@ class _Blender(Engine):
 
     def _render(self, camera: Camera, target: Mapping[str, str]) -> dict[str, float]:
         low, high = self._mesh.depth_range(camera.world_to_camera)
-        # Tight near and far planes give the depth buffer the best resolution.
+        # Near and far planes close to the mesh give the depth buffer the best resolution.
         clip = [_unit(camera) * plane for plane in (max(NEAR, 0.99 * low), max(2 * NEAR, 1.01 * high))]
         request = blender_camera(camera, self._turn)
         return {WALL_CLOCK: float(self._ask({**request, "clip": clip, **target})["ms"])}
 
     def _ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Send a request to the worker and return its answer; raise ENGINE_FAILED if it cannot answer."""
+        """Send a request to the worker and return the answer; raise ENGINE_FAILED without an answer."""
         process = self._process
         assert process.stdin is not None
         assert process.stdout is not None
@@ -235,7 +239,7 @@ class CyclesRenderer(_Blender):
 
 
 class WorkbenchRenderer(_Blender):
-    """Blender's viewport engine (OpenGL). `device` "cpu" forces Mesa's software renderer."""
+    """Blender's viewport engine, which uses OpenGL; `device` "cpu" selects Mesa's software renderer."""
 
     name = "blender_workbench"
     engine = "workbench"
@@ -257,7 +261,7 @@ def blender_camera(camera: Camera, turn: NDArray[np.float64]) -> dict[str, Any]:
     """Return a camera as the properties of Blender's camera and render settings.
 
     The focal lengths determine `lens` (in mm) and the pixel aspect ratio. The principal point determines
-    `shift`, in image widths. `turn` (4, 4) is the rotation that the importer applied to the model.
+    `shift`, in image widths. `turn` (4, 4) is the rotation that the importer has applied to the model.
     """
     width, height = camera.width, camera.height
     ratio = camera.fx / camera.fy
@@ -266,7 +270,7 @@ def blender_camera(camera: Camera, turn: NDArray[np.float64]) -> dict[str, Any]:
         text = f"Blender renders {_MIN_SIDE} to {_MAX_SIDE} pixels per side, not {width} x {height}"
         raise Unsupported("UNSUPPORTED_CAMERA", text)
     if max(aspect) > _MAX_ASPECT:
-        text = f"fx / fy is {ratio:g}; Blender allows pixel aspect ratios up to {_MAX_ASPECT:g}"
+        text = f"the pixel aspect ratio fx / fy is {ratio:g}; Blender allows at most {_MAX_ASPECT:g}"
         raise Unsupported("UNSUPPORTED_CAMERA", text)
     sensor = max(_SENSOR, 2 * width / camera.fx)
     return {
@@ -280,15 +284,15 @@ def blender_camera(camera: Camera, turn: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def _unit(camera: Camera) -> float:
-    """Return the length of the camera's axes in world units.
+    """Return the length in world units of the camera's axes.
 
-    In Blender, camera axes always have the length 1.
+    In Blender, the axes of a camera always have the length 1.
     """
     return float(np.linalg.norm(camera.camera_to_world[:3, 0]))
 
 
 def _python() -> str | None:
-    """Return the path of a Python with bpy, or None."""
+    """Return the path of a Python interpreter with bpy, or None."""
     path = os.environ.get(VARIABLE)
     if path:
         return path if os.access(path, os.X_OK) else None
@@ -308,7 +312,7 @@ def _read_exr(path: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
 
 
 def _read_png(path: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return colours (H, W, 4) and depths (H, W) of 0 from Blender's PNG file."""
+    """Return colours (H, W, 4) from Blender's PNG file, and depths (H, W) of 0."""
     from PIL import Image
 
     with Image.open(path) as image:

@@ -1,7 +1,8 @@
-"""The program in Blender's process: imports a mesh file, sets up exact colours, and renders on request.
+"""The program in Blender's process imports a mesh file, sets up exact colours, and renders on request.
 
-`blender.py` starts it, with a Python that needs only bpy. Each line on standard input is a request (a JSON
-object) and is answered with a line on standard output. Blender's own output goes to standard error.
+`blender.py` starts this program with a Python interpreter that only needs bpy. Each line on standard input is
+a request (a JSON object); the answer is a line on standard output. The messages of Blender go to standard
+error.
 """
 
 import json
@@ -26,7 +27,7 @@ def main() -> None:
             else:
                 answer = worker.render(request)
             answer["resident"] = resident()
-        except Exception as error:  # Blender's message is passed on
+        except Exception as error:  # forward Blender's message
             answer = {"error": f"{type(error).__name__}: {error}"}
         answers.write(json.dumps(answer) + "\n")
         answers.flush()
@@ -38,8 +39,8 @@ class Worker:
     """A scene with one mesh and one camera.
 
     The first request has `file` (.ply or .glb), `engine` ("cycles" or "workbench"), `textured`, `cutoff`
-    (alpha cutoff or null) and `exact`. If `exact` is false, Blender's defaults remain for colour
-    management and for the interpretation of imported colours.
+    (alpha cutoff or null) and `exact`. If `exact` is false, Blender's defaults for colour management and for
+    imported colours remain.
     """
 
     def __init__(self, request: dict[str, Any]) -> None:
@@ -64,7 +65,8 @@ class Worker:
     def _import(self, name: str) -> None:
         operators = self._bpy.ops
         if name.endswith(".ply"):
-            # With "LINEAR" the importer keeps the values of the file; by default it converts them from sRGB.
+            # With "LINEAR", the importer keeps the colours of the file; by default, it converts colours from
+            # sRGB.
             operators.wm.ply_import(filepath=name, import_colors="LINEAR" if self._exact else "SRGB")
         else:
             operators.import_scene.gltf(filepath=name)
@@ -81,7 +83,7 @@ class Worker:
         render.resolution_percentage = 100
         render.dither_intensity = 0
         render.filter_size = 0
-        render.film_transparent = True  # the background is added later, by `opaque_frame`
+        render.film_transparent = True  # `opaque_frame` adds the background later
         render.use_compositing = render.use_sequencer = False
         self.scene.view_layers[0].use_pass_z = True
 
@@ -94,7 +96,7 @@ class Worker:
         cycles.samples = 1
         cycles.use_adaptive_sampling = cycles.use_denoising = False
         cycles.max_bounces = 0
-        # One sample at the centre of the pixel.
+        # Use one sample at the centre of each pixel.
         cycles.pixel_filter_type = "BOX"
         cycles.filter_width = 0.01
         if self._textured:
@@ -111,8 +113,7 @@ class Worker:
         self.mesh.data.materials.append(material)
 
     def _make_unlit(self, material: Any) -> None:
-        """Make `material` emit vertex colours times its texture, and make it transparent below the alpha
-        cutoff.
+        """Make `material` emit vertex colours times the texture, and be transparent below the alpha cutoff.
 
         The importer's nodes that wrap texture coordinates are kept.
         """
@@ -124,10 +125,10 @@ class Worker:
         attribute.attribute_name = self.mesh.data.color_attributes[0].name
         color, alpha = attribute.outputs["Color"], attribute.outputs["Alpha"]
         if image is not None:
-            image.image.alpha_mode = "CHANNEL_PACKED"  # filter colours without multiplying them by alpha
+            image.image.alpha_mode = "CHANNEL_PACKED"  # filter colours that are not premultiplied by alpha
             if self._exact:
                 image.image = self._linear_copy(image.image)
-            # Texture times vertex colour, and texture alpha times vertex alpha.
+            # Multiply the texture with the vertex colour, and the texture's alpha with the vertex alpha.
             product, alphas = nodes.new("ShaderNodeVectorMath"), nodes.new("ShaderNodeMath")
             product.operation = alphas.operation = "MULTIPLY"
             for node, channel, stored in ((product, "Color", color), (alphas, "Alpha", alpha)):
@@ -137,7 +138,7 @@ class Worker:
         links.new(color, emission.inputs["Color"])
         surface = emission.outputs["Emission"]
         if self._cutoff is not None:
-            # Mix with a transparent shader: factor 1 where alpha < cutoff.
+            # Mix with a transparent shader: the factor is 1 where alpha < cutoff.
             below, clear, mix = (
                 nodes.new(f"ShaderNode{name}") for name in ("Math", "BsdfTransparent", "MixShader")
             )
@@ -152,7 +153,7 @@ class Worker:
     def _linear_copy(self, image: Any) -> Any:
         """Return a float copy of an image in linear light.
 
-        Cycles would filter a byte image before linearising it.
+        Cycles would filter an 8-bit image before converting it to linear light.
         """
         import numpy as np
 
@@ -178,13 +179,13 @@ class Worker:
         for name in ("show_shadows", "show_cavity", "show_object_outline", "show_specular_highlight"):
             setattr(shading, name, False)
         shading.show_backface_culling = False
-        # Draw a small image, because Blender reports the graphics device only after its first drawing.
+        # Draw a small image first, because Blender reports the graphics device only after drawing.
         scene.render.resolution_x = scene.render.resolution_y = 8
         self._bpy.ops.render.render()
         self.about["gpu"] = gpu.platform.renderer_get()
 
     def render(self, request: dict[str, Any]) -> dict[str, Any]:
-        """Render with the camera of the request; write the file `png` or `exr` (with depths), if given."""
+        """Render with the camera of the request; write the files `png` and `exr` (with depths) if given."""
         from mathutils import Matrix
 
         scene, camera = self.scene, self.camera.data
@@ -208,7 +209,7 @@ class Worker:
             if layered:
                 settings.exr_codec = "NONE"
                 if hasattr(settings, "use_exr_interleave"):
-                    settings.use_exr_interleave = True  # multi-part files fail with non-square pixels
+                    settings.use_exr_interleave = True  # multi-part files fail if pixels are not square
             else:
                 settings.color_mode = "RGBA"
         start = time.perf_counter()
@@ -217,7 +218,7 @@ class Worker:
 
 
 def resident() -> int:
-    """Return the resident memory of this process in bytes, or 0 if the system does not report it."""
+    """Return the resident memory of this process in bytes; 0 if the system does not report it."""
     status = Path("/proc/self/statm")
     return int(status.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if status.exists() else 0
 

@@ -1,9 +1,9 @@
 """A headless browser that shows one of our pages and executes drawing tasks.
 
-A local HTTP server passes tasks to the page and takes its answers (web/remote.js), so no driver and no
-debugging protocol is needed. The page's address contains a secret, so that other users of the machine can
-neither read the asset nor answer in place of the page. Other users can see the command line of the browser.
-The command line therefore contains another address, which redirects to the page only once.
+A local HTTP server sends tasks to the page and receives answers (web/remote.js). No driver and no debugging
+protocol is needed. The page's address contains a secret. Other users who do not know the secret can neither
+read the asset nor send false answers. Other users of the machine can see the browser's command line. The
+command line therefore shows a temporary address, which redirects to the page only once.
 """
 
 import contextlib
@@ -27,8 +27,8 @@ from msb.errors import DeviceError, shorten
 
 # The environment variable with the path of the browser to use.
 VARIABLE = "MSB_BROWSER"
-# Without the variable, a browser is searched under these names on PATH, then at usual paths on macOS and
-# Windows.
+# If the variable is not set, msb searches PATH for these names. On macOS and Windows, msb also searches the
+# usual installation paths.
 _NAMES = (
     "chromium",
     "chromium-browser",
@@ -56,10 +56,10 @@ _FLAGS = (
     "--mute-audio",
     "--hide-scrollbars",
     "--window-size=800,600",
-    # With this flag the page can close its window when our server has ended. This ends the browser.
+    # This flag lets the page close its window when our server ends. Closing the window ends the browser.
     "--blink-settings=allowScriptsToCloseWindows=true",
 )
-# Flags for WebGL in software, for WebGL on a GPU if there is one, for WebGPU, and for WebGPU in software.
+# Flags for WebGL in software, for WebGL on a GPU if possible, for WebGPU, and for WebGPU in software.
 _SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 _ANY = ("--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
 _WEBGPU = ("--enable-unsafe-webgpu",)
@@ -68,18 +68,18 @@ _WEBGPU_SOFTWARE = (
     # A canvas can show WebGPU output only if the browser's compositor uses Vulkan as well.
     "--enable-features=Vulkan",
     "--use-vulkan=swiftshader",
-    # The watchdog would end slow GPU work, such as shaders on a busy machine.
+    # The watchdog of the browser would end slow GPU work, such as shaders on a busy machine.
     "--disable-gpu-watchdog",
 )
-# File suffix -> MIME type. Browsers execute a script only if its MIME type is right.
+# The MIME type of each file suffix. Browsers only execute scripts with the correct MIME type.
 _MIME_TYPES = {
     "html": "text/html",
     "js": "text/javascript",
     "mjs": "text/javascript",
     "wasm": "application/wasm",
 }
-# Seconds to wait for the page to load, and for an answer. Both times are generous: software rendering on a
-# busy machine is slow, and compiling WebGPU shaders takes minutes there.
+# Seconds to wait for the page to load, and seconds to wait for an answer. The time limits are long, because
+# software rendering on a busy machine is slow, and compiling WebGPU shaders there takes minutes.
 _START_SECONDS = 120
 _ANSWER_SECONDS = 600
 # Maximum size of an answer in bytes: a frame of 89 megapixels, at 24 bytes per pixel.
@@ -87,14 +87,14 @@ _MAX_ANSWER = 1 << 31
 
 
 class Answer(NamedTuple):
-    """An answer of the page: a JSON object, and the binary data after it."""
+    """An answer of the page: a JSON object, and binary data."""
 
     head: dict[str, Any]
     body: memoryview
 
 
 def find_browser() -> str | None:
-    """Return the path of the browser: MSB_BROWSER, else the first of Chromium, Chrome and Edge; or None."""
+    """Return the path of the browser in MSB_BROWSER, else of Chromium, Chrome or Edge, or None."""
     named = os.environ.get(VARIABLE)
     if named:
         return shutil.which(named)
@@ -121,16 +121,15 @@ class _Server(ThreadingHTTPServer):
     daemon_threads = True
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Ignore the error: a browser always drops its connections when it is ended."""
+        """Ignore the error, because a browser always drops its connections when it ends."""
 
 
 class Page:
-    """A page in a headless browser. The browser is started for this page only.
+    """A page in a headless browser. The browser is started only for this page.
 
-    `content` has the files that the server provides, by name: "page.html", and the files that the page loads.
-    `query` is the part of the address after the question mark. With `software` the page draws on the CPU;
-    otherwise the browser uses a GPU if there is one. `webgpu` enables WebGPU, which browsers disable by
-    default when they draw in software.
+    `content` has the files of the server by name: "page.html", and the files that this page loads. `query` is
+    the part of the address after the question mark. With `software` the page draws on the CPU, otherwise on a
+    GPU if possible. `webgpu` enables WebGPU, which browsers disable by default when they draw in software.
     """
 
     def __init__(
@@ -161,8 +160,7 @@ class Page:
         try:
             self._process = subprocess.Popen(
                 command,
-                # The browser does not start if TMPDIR is not writable, so pass it the folder that Python
-                # chose.
+                # The browser does not start if TMPDIR is not writable, so pass the folder that Python chose.
                 env={**os.environ, "TMPDIR": self._folder.name},
                 stdin=subprocess.DEVNULL,
                 stdout=self._log,
@@ -172,7 +170,7 @@ class Page:
         except OSError as error:
             _end(None, self._server, self._tasks, self._log, self._folder)
             raise DeviceError("ENGINE_FAILED", f"{browser} cannot be started: {error.strerror}") from error
-        # The finalizer also runs at the end of the program, if `close` was not called.
+        # The finalizer also runs at the end of the program if `close` was not called.
         parts = self._process, self._server, self._tasks, self._log, self._folder
         self.close = weakref.finalize(self, _end, *parts)
         try:
@@ -182,12 +180,12 @@ class Page:
             raise
 
     def ask(self, task: Mapping[str, Any]) -> Answer:
-        """Return the page's answer to a task, which is sent as JSON."""
+        """Send a task as JSON, and return the page's answer."""
         self._tasks.put(json.dumps(task).encode())
         return self._wait(_ANSWER_SECONDS)
 
     def _wait(self, seconds: float) -> Answer:
-        """Return the next answer of the page; raise ENGINE_FAILED after `seconds`."""
+        """Return the next answer of the page. Raise ENGINE_FAILED if no answer arrives within `seconds`."""
         end = time.monotonic() + seconds
         while True:
             try:
@@ -229,7 +227,7 @@ def _end(
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-    tasks.put(b"")  # ends a waiting server thread, which would keep all content in memory
+    tasks.put(b"")  # stop a server thread that waits for a task
     server.shutdown()
     server.server_close()
     log.close()
@@ -243,9 +241,9 @@ def _handler(
     tasks: queue.Queue[bytes],
     answers: queue.Queue[bytes],
 ) -> type[BaseHTTPRequestHandler]:
-    """Return a request handler for the files of `content` and the tasks below the path `root`.
+    """Return a request handler that serves the files in `content` and the tasks below the path `root`.
 
-    `redirects` maps paths to addresses; each of them works once.
+    `redirects` maps a path to an address. Each redirect works only once.
     """
 
     class Handler(BaseHTTPRequestHandler):

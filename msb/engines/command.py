@@ -1,4 +1,4 @@
-"""`msb web`: writes a page that shows a model in any browser, on the standard or on the dedicated tier."""
+"""`msb web` writes a page that shows a model in any browser, on the standard or on the dedicated tier."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 # Number of test views of a page, evenly spread over the cameras.
 TEST_VIEWS = 4
-# Maximum width and height in pixels of the test views that we render; larger cameras are scaled down.
+# Largest width or height in pixels of a test view that we render; larger cameras are scaled down.
 TEST_SIDE = 640
-# Number of cameras, evenly spread, over which --faces sums the contribution of each face.
+# Number of evenly spread cameras over which --faces sums the contribution of each face.
 WEIGHING_VIEWS = 16
 # File endings of the images of --renders.
 _IMAGE_ENDINGS = (".png", ".npy")
@@ -36,23 +36,27 @@ _IMAGE_ENDINGS = (".png", ".npy")
 
 @dataclass(frozen=True)
 class WebOptions:
-    """Options of a page: its tier, and on the dedicated tier reductions of the model and the measurement."""
+    """Options of a page: its renderer tier, reductions of the model, and the measurement."""
 
     out: Annotated[
         Path | None,
-        file_option("The page to write: .html.", "--out", "-o", endings=(".html", ".htm")),
+        file_option("The page to write, a .html file.", "--out", "-o", endings=(".html", ".htm")),
     ] = None
     tier: Annotated[
         Literal["standard", "dedicated"],
-        Option("Show the mesh as any engine draws it (standard), or also the native rendering (dedicated)."),
+        Option(
+            "Show the mesh as an ordinary renderer draws it (standard), or also the native rendering "
+            "(dedicated)."
+        ),
     ] = "standard"
     verify: Annotated[
         Path | None,
         Option("Measure an existing page of the dedicated tier in a browser.", metavar="PAGE"),
     ] = None
-    up: Annotated[Up | None, Option("Axis that points up. Default: the asset's.")] = None
+    up: Annotated[Up | None, Option("Axis that points up. Default: the up axis of the asset.")] = None
     quantise: Annotated[
-        bool, Option("Round positions to 16 bits and other values to 8 bits, for a third of the size.")
+        bool,
+        Option("Round positions to 16 bits and other values to 8 bits, which reduces the size to a third."),
     ] = False
     faces: Annotated[
         int | None, Option("Keep only the N faces that contribute most to the images.", least=1)
@@ -60,13 +64,13 @@ class WebOptions:
     renders: Annotated[
         Path | None,
         Option(
-            "With --cameras: measure the page against the official images in DIR, named like the cameras.",
+            "With --cameras: compare the page with the official images in DIR. A file name is a camera name.",
             metavar="DIR",
         ),
     ] = None
     baked: Annotated[
         Path | None,
-        Option("Also show the mesh FILE, written by msb bake for this model, with its PSNR.", metavar="FILE"),
+        Option("Also show FILE, a mesh that msb bake wrote for this model, and its PSNR.", metavar="FILE"),
     ] = None
     no_verify: Annotated[bool, Option("Do not measure the page in a browser.")] = False
     at_least: Annotated[
@@ -80,7 +84,7 @@ class WebOptions:
 
 
 class PageContent(NamedTuple):
-    """The asset of a page, how the page shows it, and the mesh that was baked from it.
+    """The asset of a page, the options to show it, and the mesh that was baked from it.
 
     Meshes and cameras are relative to the origin of the asset.
     """
@@ -133,9 +137,10 @@ def web(
 ) -> None:
     """Write a page that shows a model in any browser, offline.
 
-    On the standard tier the page shows the mesh as any engine draws it. Without an ASSET, the page shows a
-    .glb file that the user drops on it. On the dedicated tier the page shows the native rendering, drawn with
-    WebGPU, next to the mesh. The page also shows the PSNR of its images against the OpenCL renderer.
+    On the standard tier the page shows the mesh as an ordinary renderer draws it. Without an ASSET, the page
+    shows a .glb file that is dropped on it. On the dedicated tier the page shows the native rendering, drawn
+    with WebGPU, next to the mesh. The page also shows the PSNR of its images, compared with the OpenCL
+    renderer.
     """
 
     _check_options(path, options, views, typed)
@@ -221,7 +226,7 @@ def write_page(content: PageContent, options: WebOptions, target: Path, output: 
 
     asset, background = content.asset, content.background
     with output.progress("checking the model"):
-        pack(asset, content.settings)  # reports unsupported models before the slow steps
+        pack(asset, content.settings)  # report unsupported models before the slow steps
     cameras = content.cameras or make_turntable(
         asset, 2 * TEST_VIEWS, TEST_SIDE, TEST_SIDE * 3 // 4, content.up
     )
@@ -281,7 +286,7 @@ def verify_page(path: Path, options: WebOptions, output: Output) -> None:
 
 
 def _limit_size(camera: Camera) -> Camera:
-    """Return the camera scaled down so that no side of its image exceeds TEST_SIDE."""
+    """Return the camera, scaled down so that no side of its image exceeds TEST_SIDE."""
     return camera.scaled(min(1.0, TEST_SIDE / max(camera.width, camera.height)))
 
 
@@ -290,8 +295,8 @@ def _draw_native(
 ) -> tuple[list[NDArray[np.uint8]], str]:
     """Return the native renderings (H, W, 3) of all cameras, and the name of the renderer.
 
-    The OpenCL renderer draws them, or the NumPy reference on machines without a device. `doing` describes
-    the activity for the progress bar.
+    The OpenCL renderer draws the images; on machines without a device, the NumPy reference draws them.
+    `doing` describes the activity in the progress bar.
     """
     from msb.render import Renderer
 
@@ -321,9 +326,7 @@ def _as_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _measure_baked(content: PageContent, baked: Asset, tests: Sequence[CheckView]) -> BakedMesh:
-    """Return the baked mesh, with the average PSNR on the test views of this mesh and of the standard-tier
-    mesh.
-    """
+    """Return the baked mesh with its average PSNR, and with the average PSNR of the standard-tier mesh."""
     from msb.asset.tiers import why_not
     from msb.engines.dedicated_page.page import BakedMesh
     from msb.engines.engine import engine_mesh
@@ -342,13 +345,13 @@ def _measure_baked(content: PageContent, baked: Asset, tests: Sequence[CheckView
 
 
 def _read_test_view(camera: Camera, folder: Path, background: tuple[float, float, float]) -> CheckView:
-    """Return a test view: a camera, and its image from a folder. The view has the size of the image."""
+    """Return a test view whose image is read from `folder`. The camera gets the size of the image."""
     from msb.engines.dedicated_page.page import CheckView
     from msb.metrics.image_files import read_image
 
     if camera.name is None:
-        raise UsageError("USAGE", "--renders needs cameras with names, to find their images")
-    # A camera's name can contain subfolders. The image may lie in them, or directly in the folder.
+        raise UsageError("USAGE", "--renders finds images by camera names, but a camera has no name")
+    # The name of a camera can contain subfolders. The image may lie in subfolders, or directly in the folder.
     stem = PurePosixPath(camera.name).with_suffix("")
     paths = [folder / f"{base}{suffix}" for base in (stem, stem.name) for suffix in _IMAGE_ENDINGS]
     image = _as_bytes(read_image(next((path for path in paths if path.is_file()), paths[-2])))
@@ -362,9 +365,9 @@ def _reduce(
     tests: Sequence[CheckView],
     output: Output,
 ) -> tuple[Asset, list[Cost]]:
-    """Return the asset after --faces and --quantise, and the loss of each.
+    """Return the asset after --faces and --quantise, and the loss of quality of each step.
 
-    `cameras` determine the contribution of faces; the losses are measured on `tests`.
+    `cameras` determine the contribution of each face; `tests` are the views for measuring the losses.
     """
     import numpy as np
 
@@ -378,7 +381,7 @@ def _reduce(
     total = reduced.manifest.face_count
     if faces is not None and faces < total:
         weights = _sum_contributions(content, [_limit_size(camera) for camera in cameras], output)
-        # Select the faces with the largest contributions; of faces with equal contributions select the first.
+        # Select the faces with the largest contributions; among equal contributions, select the first faces.
         # Keep their order.
         selected = np.sort(np.argsort(-weights, kind="stable")[:faces])
         reduced = select_faces(reduced, selected)
@@ -394,7 +397,7 @@ def _reduce(
     before = [test.image for test in tests]
     if (
         steps and options.renders is not None
-    ):  # compare with our own rendering, not with the images of --renders
+    ):  # compare with our native rendering, not with the images of --renders
         before = draw(content.asset)
     costs = []
     for title, asset in steps:
@@ -414,7 +417,7 @@ def _reduce(
 def _sum_contributions(
     content: PageContent, cameras: Sequence[Camera], output: Output
 ) -> NDArray[np.float64]:
-    """Return the contribution (F,) of each face: its blending weight, summed over all pixels."""
+    """Return the contribution (F,) of each face: the sum of its blending weights over all pixels."""
     import numpy as np
 
     from msb.render.shares import shares_by_view
@@ -452,7 +455,7 @@ def _report(
     measured: Measurement | None,
     limit: float | None = None,
 ) -> None:
-    """Write the JSON record of a page and print a summary; `limit` is the minimum PSNR in dB."""
+    """Write the JSON results of a page and print a summary; `limit` is the minimum PSNR in dB."""
     about = scene["dedicated"]
     names = [test["name"] for test in about["tests"]]
     document: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""The common parts of the engines: their options, the mesh that they draw, and the frame that they return."""
+"""The common parts of the engines: options, the mesh to draw, and the resulting frame."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -25,12 +25,12 @@ from msb.scenes.colors import Color
 
 # Distance of the near plane, in units of the camera. The standard tier has no far plane.
 NEAR = 0.01
-# Name of the only stage of a frame if its time is the wall-clock time until it was complete.
+# Stage name of a frame whose time is measured with the wall clock.
 WALL_CLOCK = "draw (wall clock)"
-# Name of the only stage of a frame if the device measured its time.
+# Stage name of a frame whose time is measured by the device.
 DRAW = "draw"
 
-# Use of device memory -> group of the use in reports.
+# The group in memory reports for each use of device memory.
 _GROUPS = {
     **dict.fromkeys(("positions", "indices"), "geometry"),
     **dict.fromkeys(("vertex colors", "texture coordinates", "tints"), "appearance"),
@@ -39,10 +39,11 @@ _GROUPS = {
 
 
 class Engine(ABC):
-    """A renderer that lets another engine draw the standard-tier mesh of an asset.
+    """A renderer that draws the standard-tier mesh of an asset with another engine.
 
-    Such a renderer has the same options as our renderer of the standard tier. `device` is "cpu", "gpu" or
-    None; with None the engine chooses. OpenCL device names and MSB_DEVICE do not apply.
+    Renderers with other engines have the same options as our renderer of the standard tier. `device` is
+    "cpu", "gpu", or None to let the engine choose. The OpenCL device names and MSB_DEVICE do not apply to
+    other engines.
     """
 
     name: ClassVar[str]
@@ -69,12 +70,12 @@ class Engine(ABC):
     @classmethod
     @abstractmethod
     def missing(cls) -> str | None:
-        """Return which package is missing for this engine, or None. The engine is not started."""
+        """Return the name of a missing package for this engine, or None, without starting the engine."""
 
     @classmethod
     @abstractmethod
     def installed(cls) -> str:
-        """Return the version of the installed engine, or "". The engine is not started."""
+        """Return the version of the installed engine, or "". The engine itself is not started."""
 
     @abstractmethod
     def _frame(self, camera: Camera, background: Color) -> Frame:
@@ -82,14 +83,14 @@ class Engine(ABC):
 
     @abstractmethod
     def _draw(self, camera: Camera, background: Color) -> DrawTime:
-        """Draw and wait until the frame is complete, but read nothing back."""
+        """Draw a frame and wait until it is complete, but read nothing back."""
 
     @abstractmethod
     def memory(self) -> Mapping[str, int]:
-        """Return the memory that the asset occupies: name of the use -> bytes."""
+        """Return the bytes of device memory for each use."""
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return the groups for reports of memory: name of a use -> name of its group."""
+        """Return the group in memory reports for each use."""
         return _GROUPS
 
     @abstractmethod
@@ -104,7 +105,7 @@ class Engine(ABC):
         return replace(box_filter(frame, self._samples), timings=frame.timings)
 
     def draw(self, camera: Camera, background: Color) -> DrawTime:
-        """Draw and wait until the frame is complete, but read nothing back."""
+        """Draw a frame and wait until it is complete, but read nothing back."""
         return self._draw(enlarge(camera, self._samples), background)
 
     def __enter__(self) -> Self:
@@ -115,10 +116,10 @@ class Engine(ABC):
 
 
 def device_kind(device: Any, name: str) -> str | None:
-    """Return "cpu", "gpu" or None (the engine chooses) for the `device` option of renderer `name`."""
+    """Return "cpu", "gpu" or None (the engine chooses) for the option `device` of the renderer `name`."""
     if device is None or device in ("cpu", "gpu"):
         return device  # type: ignore[no-any-return]
-    text = f'device "{shorten(str(device), 40)}" is an OpenCL device; renderer {name} takes cpu or gpu'
+    text = f'device "{shorten(str(device), 40)}" is an OpenCL device; renderer {name} accepts cpu or gpu only'
     raise UsageError("DEVICE_SELECTOR", text)
 
 
@@ -130,7 +131,7 @@ def opaque_frame(
     face_id: NDArray[np.int32] | None,
     timings: Mapping[str, float],
 ) -> Frame:
-    """Return a frame that shows `background` at depth 0 in the pixels without a face.
+    """Return a frame with `background` and depth 0 in the pixels without a face.
 
     `image` is (H, W, 3), `depth` and `face_id` are (H, W), and `hit` (H, W) marks the pixels with a face.
     """
@@ -145,19 +146,19 @@ def opaque_frame(
 
 @dataclass(frozen=True)
 class EngineMesh:
-    """The triangles and colours of the standard tier in the form that engines take."""
+    """The triangles and colours of the standard tier in the form that engines need."""
 
     positions: NDArray[np.float32]
     indices: NDArray[np.uint32]
-    # Vertex colours (V, 3), uint8, or float32 in [0, 1]. With textures, vertex colours are (V, 4): they have
-    # an alpha and are multiplied with the texture in linear light.
+    # Vertex colours (V, 3), uint8, or float32 in [0, 1]. With textures, vertex colours (V, 4) have an alpha
+    # channel and are multiplied with the texture in linear light.
     colors: NDArray[Any]
     # Number of each face in the asset; None if the numbers are 0, 1, 2, ...
     numbers: NDArray[np.uint32] | None
     textured: Textured | None = None
 
     def to_bytes(self, suffix: str) -> bytes:
-        """Return the mesh file that `msb convert` writes for the asset, in the format of `suffix`.
+        """Return the same mesh file as `msb convert` writes for the asset, in the format of `suffix`.
 
         Without textures, vertex colours are stored as sRGB.
         """
@@ -175,7 +176,7 @@ class EngineMesh:
         return file.getvalue()
 
     def depth_range(self, world_to_camera: NDArray[np.float64]) -> tuple[float, float]:
-        """Return a lower and an upper bound of the vertices' depths, from the corners of the bounding box."""
+        """Return lower and upper bounds of the vertices' depths, from the corners of the bounding box."""
         low, high = self.positions.min(axis=0), self.positions.max(axis=0)
         corners = np.stack(np.meshgrid(*zip(low, high, strict=True)), axis=-1).reshape(-1, 3)
         depths = corners.astype(np.float64) @ world_to_camera[2, :3] + world_to_camera[2, 3]
@@ -185,8 +186,8 @@ class EngineMesh:
 def engine_mesh(asset: Asset, settings: Mapping[str, Any] | None) -> EngineMesh:
     """Return the standard-tier mesh of `asset` for an engine.
 
-    With face or corner colours faces do not share vertices. If the settings select no face, the
-    mesh has one face of zero area, because the engines' file formats do not allow a mesh without faces.
+    With face or corner colours, faces do not share vertices. If no face is selected, the mesh has one face of
+    zero area, because the file formats of the engines require a face.
     """
     values = effective_settings(asset.manifest, settings)
     if (skin := textures_of(asset)) is not None:
@@ -202,7 +203,7 @@ def engine_mesh(asset: Asset, settings: Mapping[str, Any] | None) -> EngineMesh:
     selected = slice(None) if numbers is None else numbers
     if static.domain == "vertex":
         return EngineMesh(positions, indices[selected], np.ascontiguousarray(colors), numbers)
-    # Colours (F, 3, 3) of the corners; every corner becomes a vertex.
+    # Colours (F, 3, 3) of the corners; every corner becomes a separate vertex.
     colors = colors.reshape(-1, 3, 3) if static.domain == "corner" else np.repeat(colors[:, None], 3, axis=1)
     corners = positions[indices[selected]].reshape(-1, 3)
     faces = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
@@ -210,7 +211,10 @@ def engine_mesh(asset: Asset, settings: Mapping[str, Any] | None) -> EngineMesh:
 
 
 def _textured_mesh(asset: Asset, skin: Textured) -> EngineMesh:
-    """Return the mesh of an asset with textures. An asset without vertex colours gets white ones."""
+    """Return the mesh of an asset with textures.
+
+    An asset without vertex colours gets white vertex colours.
+    """
     check_drawable(asset, ("positions", "color"))
     positions, indices, tint = asset.buffers["positions"], asset.buffers["indices"], tint_of(asset)
     if tint is None:

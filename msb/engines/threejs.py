@@ -1,4 +1,4 @@
-"""Renderer `threejs`: three.js (WebGL 2) in a headless browser, with the page that `msb web` writes."""
+"""The renderer `threejs` draws with three.js (WebGL 2). A headless browser shows the page of `msb web`."""
 
 import sys
 from collections.abc import Mapping
@@ -18,18 +18,18 @@ from msb.scenes.colors import Color
 
 
 class ThreeJsRenderer(Engine):
-    """Draws the GLB of an asset with three.js.
+    """Draws the GLB file of an asset with three.js.
 
-    With `device` "cpu" SwiftShader draws, with "gpu" a graphics card. Colours and depths are read from
-    float32 targets, so they are not rounded. Frames have no face ids, because WebGL does not number
-    primitives. If the browser supports timer queries, the device measures times. Otherwise times are
-    wall-clock times, in the stage `WALL_CLOCK`.
+    With `device` "cpu", SwiftShader draws in software. With "gpu", a graphics card draws. Colours and depths
+    are read from float32 render targets, so they are not rounded. Frames have no face ids, because WebGL has
+    no primitive numbers. If the browser supports timer queries, the device measures times. Without timer
+    queries, the wall clock measures times, in the stage `WALL_CLOCK`.
 
     Parameters
     ----------
     defaults : bool
-        Keep the default colour management of three.js instead of the settings for exact colours, to show its
-        effect. Images are then read from the 8-bit canvas.
+        Keep the default colour management of three.js instead of the settings for exact colours, to show the
+        effect of these settings. With the default colour management, images are read from the 8-bit canvas.
     """
 
     name = "threejs"
@@ -61,7 +61,7 @@ class ThreeJsRenderer(Engine):
         }
         if self._kind == "gpu" and in_software:
             self.close()
-            text = f"the browser found no GPU, only {drawn_by}; use --device cpu to draw with it"
+            text = f"the browser found no GPU, only {drawn_by}; pass --device cpu to draw with this device"
             raise DeviceError("DEVICE_NOT_FOUND", text)
         self._memory: Mapping[str, int] = {}
 
@@ -80,7 +80,7 @@ class ThreeJsRenderer(Engine):
         return "" if browser is None else f"r{read_three_revision()}, {identify_browser(browser)}"
 
     def memory(self) -> Mapping[str, int]:
-        """Return a mapping from the use of each buffer and target of the page to its bytes."""
+        """Return the bytes of each buffer and render target of the page, by use."""
         return dict(self._memory)
 
     def close(self) -> None:
@@ -91,7 +91,7 @@ class ThreeJsRenderer(Engine):
         head, body = self._ask(camera, background, read=True)
         height, width = camera.height, camera.width
         count = 4 * height * width
-        # The answer holds float32 RGBA (H, W, 4) and depth (H, W). WebGL stores the lowest row first.
+        # The answer contains float32 RGBA (H, W, 4) and depth (H, W). WebGL stores the lowest row first.
         floats = np.frombuffer(body[: 5 * count], np.float32)
         rgba = floats[:count].reshape(height, width, 4)[::-1]
         depth = floats[count:].reshape(height, width)[::-1]

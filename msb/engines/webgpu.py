@@ -1,8 +1,8 @@
-"""Renderer `wgpu`: Vulkan, Metal or Direct3D 12 through wgpu-py, with a hardware z-buffer.
+"""The renderer `wgpu` uses Vulkan, Metal or Direct3D 12 through wgpu-py, with a hardware z-buffer.
 
-The pipeline is the usual one for an opaque, unlit mesh with vertex colours or textures. The camera has our
-intrinsics and pose, a near plane at 0.01 and no far plane. The depth buffer is reversed: 1 at the near plane,
-0 at infinity. Colours are written to a float32 target, so they are neither rounded nor converted.
+The pipeline draws an opaque, unlit mesh with vertex colours or textures. The camera has our intrinsics and
+pose, a near plane at 0.01 and no far plane. The depth buffer is reversed: 1 at the near plane, 0 at infinity.
+Colours are written to a float32 render target, so they are neither rounded nor converted.
 """
 
 import contextlib
@@ -48,10 +48,12 @@ struct Between { @builtin(position) place: vec4<f32>, @location(0) color: vec3<f
 
 
 class WgpuRenderer(Engine):
-    """Draws through wgpu-py. With `device` "cpu" a software adapter draws, with "gpu" any other adapter.
+    """Draws through wgpu-py.
+
+    With `device` "cpu", a software adapter draws. With "gpu", any other adapter draws.
 
     Frames have a `face_id` if the adapter supports primitive indices. If the adapter supports timestamps, the
-    device measures times. Otherwise times are wall-clock times, in the stage `WALL_CLOCK`.
+    device measures times. Without timestamps, the wall clock measures times, in the stage `WALL_CLOCK`.
     """
 
     name = "wgpu"
@@ -77,7 +79,7 @@ class WgpuRenderer(Engine):
         if self._mesh.textured is not None:
             needed = 16 * self._mesh.indices.size
         if needed > limit:
-            text = f"this mesh needs a buffer of {needed:,} bytes; {gpu.name} allows {limit:,}"
+            text = f"this mesh needs a buffer of {needed:,} bytes, but {gpu.name} allows only {limit:,}"
             raise DeviceError("DEVICE_MEMORY", text)
         with gpu.setting_up():
             gpu.open(("max-buffer-size", "max-texture-dimension-2d"), timed=True)
@@ -88,7 +90,7 @@ class WgpuRenderer(Engine):
 
     @classmethod
     def of_tier(cls, tier: str) -> Any:
-        """Return the renderer class of `tier`. The class of the dedicated tier draws the native rendering."""
+        """Return the renderer class of `tier`; the class for the dedicated tier draws native renderings."""
         if tier == "standard":
             return cls
         from msb.engines.hardware.renderer import HardwareRenderer
@@ -104,13 +106,13 @@ class WgpuRenderer(Engine):
 
     @classmethod
     def installed(cls) -> str:
-        """Return the version of this package, which contains the shaders, and the version of wgpu-py."""
+        """Return the versions of this package, which contains the shaders, and of wgpu-py."""
         with contextlib.suppress(PackageNotFoundError):
             return f"{__version__}, wgpu-py {version('wgpu')}"
         return __version__
 
     def memory(self) -> Mapping[str, int]:
-        """Return the memory of every buffer and texture: name of the use -> bytes."""
+        """Return the bytes of every buffer and texture, by use."""
         return self._gpu.memory()
 
     def close(self) -> None:
@@ -119,7 +121,7 @@ class WgpuRenderer(Engine):
         self._gpu.close()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return a mapping from uses of memory to groups; textures belong to "appearance"."""
+        """Return the group in memory reports for each use. Textures belong to "appearance"."""
         textures = (use for use in self._gpu.resources if use.startswith("texture "))
         return {**super().memory_groups(), **dict.fromkeys(textures, "appearance")}
 
@@ -140,7 +142,7 @@ class WgpuRenderer(Engine):
         self._gpu.buffer("indices", 0, "index", data=mesh.indices)
 
     def _make_pipeline(self, ids: bool) -> Any:
-        """Return the render pipeline; with `ids` it writes face numbers to a second target."""
+        """Return the render pipeline. With `ids`, the pipeline writes face numbers to a second target."""
         if self._textured is None:
             attributes = {"positions": (12, "float32x3"), "vertex colors": self._color_layout}
             source = ("enable primitive_index;" if ids else "") + _HEAD + _SHADER
@@ -178,7 +180,7 @@ class WgpuRenderer(Engine):
         if max(width, height) > self._max_side:
             size = f"{width} x {height}"
             limit = f"{self._max_side} x {self._max_side} pixels"
-            text = f"{self.device_info['name']} draws at most {limit}, not {size}"
+            text = f"{self.device_info['name']} draws images of at most {limit}, not {size}"
             raise DeviceError("DEVICE_MEMORY", text)
         self._size = None
         formats = {"image": IMAGE_FORMAT, "depth": DEPTH_FORMAT}
@@ -206,7 +208,7 @@ class WgpuRenderer(Engine):
             return self._run(camera, background, everything=False)
 
     def _run(self, camera: Camera, background: Color, *, everything: bool) -> DrawTime:
-        """Draw a frame and wait; with `everything` also draw face ids and copy all targets for reading."""
+        """Draw a frame and wait. With `everything`, also draw face ids and make all targets readable."""
         self._make_targets(camera.width, camera.height)
         start = time.perf_counter()
         self._gpu.device.queue.write_buffer(self._gpu.resources["camera"], 0, pack_camera(camera))
@@ -230,7 +232,7 @@ class WgpuRenderer(Engine):
         return DrawTime({DRAW: milliseconds}, milliseconds)
 
     def _encode_pass(self, encoder: Any, background: Color, ids: bool) -> None:
-        """Encode the render pass, with timestamps at its ends if the device has a clock."""
+        """Encode the render pass; if the device has a clock, write timestamps before and after the pass."""
         resources = self._gpu.resources
         clears = {"image": (*background, 0.0), **({"face ids": (2.0**32 - 1, 0, 0, 0)} if ids else {})}
         options: dict[str, Any] = {}
@@ -291,10 +293,10 @@ class WgpuRenderer(Engine):
 def pack_camera(camera: Camera) -> NDArray[np.float32]:
     """Return the uniform buffer of the shader, (24,) float32.
 
-    The buffer contains the column-major 4 x 4 clip matrix for points relative to the camera, the camera's
-    centre rounded to float32, and the rounding error of the centre. For a point at pixel (u, v), clip x is
-    (2u/W - 1) * depth, clip y is (1 - 2v/H) * depth, and clip w is the depth. Clip z is the distance of the
-    near plane, so the depth buffer contains near / depth: 1 at the near plane, 0 at infinity.
+    The buffer contains three values: the column-major 4 x 4 clip matrix for points relative to the camera,
+    the camera's centre rounded to float32, and the rounding error of the centre. For a point at pixel (u, v),
+    clip x is (2u/W - 1) * depth, clip y is (1 - 2v/H) * depth, and clip w is the depth. The depth buffer
+    contains near / depth, because clip z is the distance of the near plane.
     """
     rounded = camera.center.astype(np.float32).astype(np.float64)
     width, height = camera.width, camera.height
@@ -314,5 +316,5 @@ def pack_camera(camera: Camera) -> NDArray[np.float32]:
 
 
 def _row_bytes(width: int, nbytes: int) -> int:
-    """Return the bytes of a copied row; WebGPU requires a multiple of 256."""
+    """Return the number of bytes of a copied row; WebGPU requires a multiple of 256."""
     return -(-nbytes * width // 256) * 256

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from msb.errors import DeviceError, shorten
 
-# Advice for machines without an adapter.
+# Advice on machines without a graphics adapter.
 INSTALL = (
     "apt-get install mesa-vulkan-drivers installs a software driver"
     if sys.platform == "linux"
@@ -22,7 +22,8 @@ INSTALL = (
 )
 # Adapter types in the order of preference.
 _KINDS = ("DiscreteGPU", "IntegratedGPU", "Unknown", "CPU")
-# The usable backends of wgpu. The OpenGL backend is missing, because it has no 32-bit float targets.
+# The backends of wgpu that can be used. The OpenGL backend is excluded, because it has no 32-bit float
+# targets.
 _BACKENDS = ("Vulkan", "Metal", "D3D12")
 _TEXEL_BYTES = {
     "rgba32float": 16,
@@ -45,7 +46,7 @@ def list_adapters() -> list[Any]:
 
 
 def choose_adapter(kind: str | None) -> Any:
-    """Return the best adapter of `kind`: "cpu" (software), "gpu", or None (a GPU if there is one)."""
+    """Return the best adapter of `kind`: "cpu" (software), "gpu", or None (a GPU if possible)."""
     adapters = list_adapters()
     usable = [
         adapter
@@ -69,9 +70,9 @@ def _rank(info: Mapping[str, Any]) -> tuple[int, int]:
 
 @contextlib.contextmanager
 def _runtime_folder() -> Iterator[None]:
-    """Set XDG_RUNTIME_DIR in a `with` block if it is not set.
+    """Set the variable XDG_RUNTIME_DIR in a `with` block if it is missing.
 
-    Without this variable Mesa prints a warning in containers and on clusters.
+    Without the variable XDG_RUNTIME_DIR, Mesa prints a warning in containers and on clusters.
     """
     if sys.platform != "linux" or os.environ.get("XDG_RUNTIME_DIR"):
         yield
@@ -86,7 +87,7 @@ def _runtime_folder() -> Iterator[None]:
 def _nanoseconds_per_tick(device: Any) -> float | None:
     """Return the unit of the device's timestamps in nanoseconds, or None if it is unknown.
 
-    wgpu-py has no function for this unit, so the function of the underlying library is called.
+    wgpu-py has no function for the unit of timestamps, so a function of the underlying library is called.
     """
     from wgpu.backends.wgpu_native import lib
 
@@ -102,7 +103,7 @@ class Gpu:
     Attributes
     ----------
     resources : dict
-        Use -> buffer or texture.
+        The buffer or texture of each use.
     nanoseconds_per_tick : float or None
         The unit of timestamps; None if the device has no timestamps.
     """
@@ -127,7 +128,7 @@ class Gpu:
         return {"platform": platform, "name": self.name, "kind": self.kind}
 
     def open(self, limits: Iterable[str], *, timed: bool) -> None:
-        """Open the device with the adapter's maximum of each of `limits`, and if `timed` with timestamps."""
+        """Open the device with the adapter's maximum of all `limits`. With `timed`, enable timestamps."""
         self.device = self.adapter.request_device_sync(
             required_features=self.features,
             required_limits={name: self.adapter.limits[name] for name in limits},
@@ -139,7 +140,7 @@ class Gpu:
     def reporting(self, doing: str) -> Iterator[None]:
         """Convert wgpu errors in a `with` block to a DeviceError.
 
-        The error names the device and the step that failed (`doing`).
+        The error names the device and the failed step (`doing`).
         """
         wgpu = self._wgpu
         try:
@@ -153,7 +154,7 @@ class Gpu:
 
     @contextlib.contextmanager
     def setting_up(self) -> Iterator[None]:
-        """Close the device if an error occurs in the block, which opens the device and creates resources."""
+        """Close the device if an error occurs in the block that opens it and creates resources."""
         try:
             with self.reporting("opening the device"):
                 yield
@@ -162,7 +163,8 @@ class Gpu:
             raise
 
     def buffer(self, use: str, size: int, *usages: str, data: NDArray[Any] | None = None) -> None:
-        """Create a buffer for a use and replace an earlier one; `data`, if given, is its content."""
+        """Create a buffer for a use, with the content `data` if given. An earlier buffer for this use is
+        replaced."""
         usage = 0
         for word in usages:
             usage |= getattr(self._wgpu.BufferUsage, word.upper())
@@ -174,7 +176,8 @@ class Gpu:
             self.resources[use] = self.device.create_buffer_with_data(data=array, usage=usage)
 
     def texture(self, use: str, width: int, height: int, form: str, *usages: str, levels: int = 1) -> None:
-        """Create a texture for a use, with `levels` mip levels, and replace an earlier one."""
+        """Create a texture with `levels` mip levels for a use. An earlier texture for this use is
+        replaced."""
         usage = 0
         for word in usages:
             usage |= getattr(self._wgpu.TextureUsage, word.upper())
@@ -215,14 +218,14 @@ class Gpu:
             buffer.unmap()
 
     def memory(self) -> Mapping[str, int]:
-        """Return a mapping from the use of every buffer and texture to its bytes."""
+        """Return the bytes of every buffer and texture, by use."""
         return {use: _count_bytes(resource) for use, resource in self.resources.items()}
 
     def close(self) -> None:
         """Destroy the device and its resources; a second call does nothing.
 
-        A device of wgpu-py refers to itself. Only a garbage collection releases its shaders and the threads
-        of the driver, which take 10 to 30 MB per device on lavapipe.
+        A device object of wgpu-py refers to itself, so only a garbage collection frees it. A freed device
+        releases its shaders and driver threads, which take 10 to 30 MB on lavapipe.
         """
         for resource in self.resources.values():
             resource.destroy()

@@ -1,8 +1,8 @@
-"""A mesh with textures for renderer `wgpu`, with the samplers and mip maps of the hardware.
+"""Draws a mesh with textures for the renderer `wgpu`, with the samplers and mip maps of the hardware.
 
 Faces do not share vertices. The faces are drawn in the order of the asset, with one draw call for each run of
-consecutive faces with the same texture. Of several faces at equal depths the first is therefore visible, as
-in our renderer.
+consecutive faces with the same texture. If several faces have equal depths, the first face is visible, as in
+our renderer.
 """
 
 from typing import Any
@@ -17,13 +17,14 @@ from msb.engines.webgpu_adapter import Gpu
 from msb.errors import DeviceError
 
 _WRAPS = {"repeat": "repeat", "clamp": "clamp-to-edge", "mirror": "mirror-repeat"}
-# Vertex buffer -> bytes per corner, and format.
+# Bytes per corner and format of each vertex buffer.
 ATTRIBUTES = {
     "positions": (12, "float32x3"),
     "texture coordinates": (8, "float32x2"),
     "tints": (16, "float32x4"),
 }
-# Appended to the declarations in webgpu.py. Fragments with an alpha below CUTOFF are discarded.
+# The text below is appended to the declarations in webgpu.py. Fragments with an alpha below CUTOFF are
+# discarded.
 SHADER = """
 @group(1) @binding(0) var texels: texture_2d<f32>;
 @group(1) @binding(1) var reading: sampler;
@@ -111,9 +112,9 @@ class TexturedMesh:
             )
 
     def draw(self, drawing: Any, pipeline: Any, ids: bool) -> None:
-        """Encode the draw calls into a render pass, whose pipeline and camera are already set.
+        """Encode the draw calls into a render pass whose pipeline and camera are already set.
 
-        `ids` tells whether `pipeline` draws face ids. Every pipeline needs separate bind groups.
+        `ids` is true if `pipeline` draws face ids. Each render pipeline needs separate bind groups.
         """
         gpu = self._gpu
         if ids not in self._groups:
@@ -136,7 +137,7 @@ class TexturedMesh:
 
 
 def split_runs(numbers: NDArray[np.uint32]) -> list[tuple[int, int, int]]:
-    """Return (number, start, length) of each run of equal consecutive values in an array (F,)."""
+    """Return (value, start, length) of each run of equal consecutive values in an array (F,)."""
     starts = np.concatenate(([0], np.flatnonzero(np.diff(numbers)) + 1))
     lengths = np.diff(np.append(starts, len(numbers)))
     return list(zip(numbers[starts].tolist(), starts.tolist(), lengths.tolist(), strict=True))

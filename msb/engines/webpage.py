@@ -1,7 +1,7 @@
-"""The three.js page: one HTML file, with or without an asset.
+"""The three.js page is a single HTML file, with or without an asset.
 
 The page works offline in any browser with WebGL 2. The page contains the modules of three.js, compressed, and
-their licence. The folder `web/three` has the modules as published.
+their licence. The folder `web/three` has the modules of three.js as published.
 """
 
 import base64
@@ -19,10 +19,10 @@ from msb.asset.look import AMBIENT, GREY, light_toward
 from msb.scenes import Camera
 from msb.scenes.framing import Framing
 
-# Number of faces above which most browsers run out of memory when they open the page.
+# Pages with more faces than this exceed the memory of most browsers.
 LARGE = 3_000_000
 _SCRIPTS = ("camera.js", "page.js", "controls.js", "files.js", "start.js")
-# Parts of a JavaScript module that a plain script must not have: "use strict", imports, exports.
+# Parts of a JavaScript module that are invalid in a plain script: "use strict", imports, exports.
 _MODULE_SYNTAX = re.compile(r"""^("use strict";\n|import .*\n|export )""", re.MULTILINE)
 
 
@@ -36,17 +36,16 @@ def make_mesh_page(
     framing: Framing | None = None,
     served: bool = False,
 ) -> bytes:
-    """Return the page of a mesh as UTF-8.
+    """Return the page of a mesh as UTF-8 bytes.
 
     Parameters
     ----------
     glb : bytes, optional
-        The mesh. A page without a mesh shows a file that is dropped on it, or the file of `?url=` in its
-        address.
+        The mesh. Without a mesh, the page opens a dropped file, or the file named by `?url=` in the address.
     name, cameras, up, background, framing
         As for `scene_to_json`.
     served : bool
-        Let the page execute the tasks of its server (`browser.py`).
+        Whether the page executes the tasks of a server (`browser.py`).
     """
     scene = scene_to_json(name, cameras, up, background, framing)
     encoded = "" if glb is None else base64.b64encode(glb).decode("ascii")
@@ -62,12 +61,13 @@ def scene_to_json(
 ) -> dict[str, Any]:
     """Return the scene description that all pages contain, as JSON data.
 
-    `name` is the title of the page. A user of the page can choose one of `cameras`. `up` is the axis that
+    `name` is the title of the page. A user of the page can select one of `cameras`. `up` is the axis that
     points up, such as "+y", and `background` is a colour in the asset's colour space. The free camera shows
-    everything, except for far outliers that `framing` leaves out.
+    the whole model, except for far outliers that `framing` excludes.
     """
     listed = [{**camera_to_json(camera), "name": camera.name} for camera in cameras]
-    # The shading of dropped files without colours. Our own files always have colours.
+    # The page shades dropped meshes without colours by these values. Meshes written by msb always have
+    # colours.
     daylight = {"grey": GREY, "ambient": AMBIENT, "light": light_toward(up).tolist()}
     scene = {"name": name, "cameras": listed, "up": up, "background": list(background), "daylight": daylight}
     if framing is not None and framing.left_out:
@@ -78,19 +78,20 @@ def scene_to_json(
 def fill_template(
     scene: Mapping[str, Any], scripts: Sequence[str], *, glb: str = "", arrays: str = ""
 ) -> bytes:
-    """Return web/page.html filled with a scene and scripts, as UTF-8.
+    """Return web/page.html filled with a scene and scripts, as UTF-8 bytes.
 
     `scene` is JSON data: `scene_to_json`, and further keys for some pages. `scripts` are names of files in
     the folder web, in the order of execution. `glb` is a mesh in base64, and `arrays` are HTML elements that
     contain arrays.
     """
     three = files("msb.engines") / "web" / "three"
-    # Search each mark only after the previous mark, because an inserted name may look like a mark.
+    # Search for each placeholder after the previous placeholder, because inserted text may itself look like a
+    # placeholder.
     rest = read_script("page.html")
     parts = []
     for mark, value in (
         ("@TITLE@", html.escape(str(scene["name"]) or "MeshSplatBench")),
-        # "</" would end the script element.
+        # The text "</" would end the script element.
         ("@SCENE@", json.dumps(scene, allow_nan=False).replace("<", "\\u003c")),
         ("@GLB@", glb),
         ("@ARRAYS@", arrays),
@@ -101,7 +102,7 @@ def fill_template(
     ):
         before, rest = rest.split(mark, 1)
         parts += [before, value]
-    return "".join([*parts, rest]).encode(errors="backslashreplace")  # file names may be invalid Unicode
+    return "".join([*parts, rest]).encode(errors="backslashreplace")  # file names may contain invalid Unicode
 
 
 @cache
@@ -117,16 +118,16 @@ def _three_modules() -> str:
 
 
 def read_script(name: str) -> str:
-    """Return a file of msb/engines/web without module syntax, so that other scripts can follow it.
+    """Return a file of msb/engines/web without module syntax, so that it can precede other scripts.
 
-    Some of these files are modules, because the npm package in integrations/js contains the same files.
+    The npm package in integrations/js imports some of these files as modules.
     """
     text = (files("msb.engines") / "web" / name).read_text("utf-8")
     return _MODULE_SYNTAX.sub("", text)
 
 
 def camera_to_json(camera: Camera) -> dict[str, Any]:
-    """Return a camera as JSON data for the page: OpenCV axes, lengths in pixels."""
+    """Return a camera as JSON data for the page, with OpenCV axes and lengths in pixels."""
     return {
         "width": camera.width,
         "height": camera.height,

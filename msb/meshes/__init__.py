@@ -1,6 +1,9 @@
-"""Read and write mesh files exactly as stored. Each format has a module of its own and one line in `files`.
+"""Read and write mesh files exactly as stored.
 
-docs/meshes.md lists the data that each reader and writer keeps, and the libraries that were considered.
+Each mesh format has a separate module and one line in `files`.
+
+The page docs/meshes.md lists the data that each reader and writer keeps, and the libraries that were
+considered.
 """
 
 from msb.meshes.files import MESH_SUFFIXES, read_mesh, write_mesh

@@ -36,7 +36,7 @@ class MeshBuffers(NamedTuple):
 
 
 def asset_from_mesh(mesh: Mesh, *, origin: Origin | None = None) -> Asset:
-    """Return `mesh` as an asset of method "mesh", with float32 positions and the colours as stored.
+    """Convert `mesh` to an asset of method "mesh", with float32 positions and the colours as stored.
 
     The positions are relative to `origin`. Default: zero, unless the mesh needs an origin (`find_origin`).
     """
@@ -49,7 +49,7 @@ def asset_from_mesh(mesh: Mesh, *, origin: Origin | None = None) -> Asset:
 
 
 def make_mesh_buffers(mesh: Mesh, origin: Origin | None = None) -> MeshBuffers:
-    """Return the asset buffers of `mesh`; see `asset_from_mesh`.
+    """Return the asset buffers of `mesh`. See `asset_from_mesh`.
 
     Vertex colours take precedence over face colours. Textures are kept with their coordinates.
     """
@@ -59,7 +59,9 @@ def make_mesh_buffers(mesh: Mesh, origin: Origin | None = None) -> MeshBuffers:
     overflow = np.isinf(positions) & np.isfinite(mesh.vertices)
     if overflow.any():
         row = int(np.argmax(overflow.any(axis=1)))
-        text = f"vertex {row} is {mesh.vertices[row].tolist()}; assets store float32, up to 3.4e38"
+        text = (
+            f"vertex {row} is {mesh.vertices[row].tolist()}; assets store float32 coordinates, up to 3.4e38"
+        )
         raise AssetError("TRIASSET_VALUE_NONFINITE", text, pointer=f"positions[{row}]")
     buffers: dict[str, NDArray[Any]] = {"positions": positions, "indices": mesh.faces.astype(np.uint32)}
     domains: dict[str, Domain] = {}
@@ -88,7 +90,10 @@ def make_mesh_buffers(mesh: Mesh, origin: Origin | None = None) -> MeshBuffers:
 def _needs_keys(
     positions: NDArray[np.float32], buffers: dict[str, NDArray[Any]], domains: dict[str, Domain]
 ) -> bool:
-    """Return whether two vertices have equal positions and attributes, so that seam keys matter."""
+    """Return whether two vertices have equal positions and attributes.
+
+    Otherwise, seam keys have no effect.
+    """
     stored = [buffers[name] for name, domain in domains.items() if domain == "vertex"]
     rows = hash_attributes([positions, *stored])
     return len(np.unique(rows)) < len(rows)
@@ -107,13 +112,14 @@ def mesh_from_asset(asset: Asset) -> Mesh:
 
     `msb.asset.look` computes the colours. An asset without colours gives a mesh without colours. Corner
     colours, and the face colours of a triangle soup, become vertex colours. A vertex is split if its corners
-    have different colours. Textures are kept. Faces below the asset's STE threshold are removed. Coordinates
-    are float32, or float64 if the asset has an origin.
+    have different colours. Textures are kept. Faces with an opacity below the asset's STE threshold are
+    removed. Coordinates are float32, or float64 if the asset has an origin.
 
     Raises
     ------
     Unsupported
-        `UNSUPPORTED_TIER`: the method has no static colours. `UNSUPPORTED_METHOD`: it has no triangles.
+        `UNSUPPORTED_TIER`: the method has no static colours. `UNSUPPORTED_METHOD`: the method has no
+        triangles.
     """
     reject_gaussians(asset.manifest.primitive, asset.opened_from)
     text = refusal(asset.manifest, "standard")
@@ -137,7 +143,7 @@ def mesh_from_asset(asset: Asset) -> Mesh:
 
 
 def _with_textures(mesh: Mesh, asset: Asset) -> Mesh:
-    """Return `mesh` with the textures of `asset`. Both have the same vertices and faces."""
+    """Return `mesh` with the textures of `asset`. The mesh and the asset have the same vertices and faces."""
     uv, manifest = asset.buffers["uv"], asset.manifest
     by_vertex = manifest.buffers["uv"].domain == "vertex"
     return replace(
@@ -151,10 +157,10 @@ def _with_textures(mesh: Mesh, asset: Asset) -> Mesh:
 
 
 def align_baked(baked: Asset, asset: Asset) -> Asset:
-    """Return a mesh that was baked from `asset`, in the coordinates and with the origin of `asset`.
+    """Convert a mesh that was baked from `asset` to the coordinates and the origin of `asset`.
 
-    Files of baked meshes are rotated upright, because their formats require it. This function rotates the
-    vertices back.
+    Files of baked meshes are rotated so that +y is up, because their formats require this axis. This function
+    undoes the rotation of the vertices.
     """
     mesh, up = mesh_from_asset(baked), written_up(asset)
     vertices = rotate_axis(mesh.vertices, mesh.up or "unknown", up or "unknown")
@@ -172,13 +178,15 @@ def with_vertex_colors(mesh: Mesh) -> Mesh:
 
 
 def fit_to_format(mesh: Mesh, suffix: str, *, is_upright: bool = False) -> Mesh:
-    """Return `mesh` reduced to the data that files of `suffix` can store. The audit of a file sees this mesh.
+    """Return `mesh` reduced to the data that files of `suffix` can store.
+
+    An audit of the written file examines this mesh.
 
     Colours and UVs are moved to the elements for which the format stores them, usually vertices. Textures
-    become vertex colours if the format has no textures. The mesh is in metres if its unit is known. It is
-    rotated upright if its up axis is known, and if the format defines an up axis or `is_upright` requests it.
-    If the format cannot share vertices between faces, every face gets three separate vertices. Coordinates
-    are rounded as the format rounds them.
+    become vertex colours if the format has no textures. The mesh is in metres if its unit is known. A mesh
+    with a known up axis is rotated so that +y is up. The rotation requires a format with an up axis, or
+    `is_upright`. If the format cannot share vertices between faces, every face gets three separate vertices.
+    Coordinates are rounded to the precision of the format.
     """
     mesh = replace(mesh, vertex_keys=None, corner_keys=None)  # files are written without these attributes
     form = FORMATS[suffix]
@@ -202,7 +210,7 @@ def fit_to_format(mesh: Mesh, suffix: str, *, is_upright: bool = False) -> Mesh:
 
 
 def with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
-    """Return `mesh` with only the faces selected by the mask `keep` (F,) and their vertices, in order."""
+    """Return `mesh` with only the faces in the mask `keep` (F,) and their vertices, in the same order."""
     faces = mesh.faces[keep]
     used = np.zeros(len(mesh.vertices), bool)
     used[faces] = True
@@ -211,10 +219,10 @@ def with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
 
 
 def without_bad_faces(mesh: Mesh) -> tuple[Mesh, int]:
-    """Return `mesh` without the faces that have a non-finite coordinate, and the number of these faces.
+    """Remove faces with a non-finite coordinate. Return the mesh and the number of removed faces.
 
-    Non-finite vertices are removed, too. A mesh without any finite face, or with invalid indices, is returned
-    unchanged, because writers reject it.
+    Non-finite vertices are removed as well. A mesh without any finite face, or with invalid indices, is
+    returned unchanged, because writers reject it.
     """
     is_bad = ~np.isfinite(mesh.vertices).all(axis=1)
     is_invalid = ((mesh.faces < 0) | (mesh.faces >= len(mesh.vertices))).any()
@@ -230,17 +238,17 @@ def without_bad_faces(mesh: Mesh) -> tuple[Mesh, int]:
 def with_corner_colors(mesh: Mesh, colors: NDArray[Any]) -> Mesh:
     """Return `mesh` with the corner colours `colors` (3F, 3 | 4) as vertex colours.
 
-    A vertex is split if its corners have different colours. Vertices keep their order; unused vertices are
+    A vertex is split if its corners have different colours. Vertices keep their order. Unused vertices are
     removed.
     """
-    # Sort the 3F corners by vertex and by the bits of their colour. A new vertex begins at every corner that
-    # differs from the previous one.
+    # Sort the 3F corners by vertex and by the bits of their colour. A new vertex begins at every sorted
+    # corner that differs from the previous corner.
     corners = mesh.faces.reshape(-1)
     keys = (*np.ascontiguousarray(colors).view(np.uint8 if colors.itemsize == 1 else np.uint32).T, corners)
     order = np.lexsort(keys)
     differs = np.ones(len(order), bool)
     differs[1:] = np.logical_or.reduce([key[order[1:]] != key[order[:-1]] for key in keys])
-    # number (3F,): the new vertex of each corner; first (V',): a corner of each new vertex.
+    # Compute the new vertex of each corner, `number` (3F,), and one corner of each new vertex, `first` (n,).
     number = np.zeros_like(corners)
     number[order] = np.cumsum(differs) - 1
     first = order[differs]

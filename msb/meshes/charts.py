@@ -1,4 +1,4 @@
-"""Convert textures for formats that store UVs per vertex, or that have vertex colours only."""
+"""Convert textures for formats that store UVs per vertex, or that have only vertex colours."""
 
 from dataclasses import replace
 from typing import Any
@@ -11,20 +11,21 @@ from msb.meshes.colors import linear_light, with_alpha
 from msb.meshes.mesh import Mesh
 
 # Offset in mip levels for sampling a texture at a corner. The level that matches the size of the face has the
-# offset 0; -1 is one level finer. It gave the best result on a textured sphere.
+# offset 0. The next finer level has -1. Of several tested offsets, this value gave the best result on a
+# textured sphere.
 _MIP_BIAS = -1.0
-# A corner is sampled at a point this fraction of the way towards the centre of the face. At the corner
-# itself, filtering would mix in texels of neighbouring charts.
+# A corner is sampled at a point this fraction of the way towards the centre of the face. At the exact corner,
+# filtering would mix in texels of neighbouring charts.
 _INWARDS = 0.25
 
 
 def with_vertex_uvs(mesh: Mesh) -> Mesh:
-    """Return `mesh` with one UV and one normal per vertex, and faces and vertices grouped by texture.
+    """Return `mesh` with one UV and one normal per vertex. Faces and vertices are grouped by texture.
 
     A vertex is split if its corners have different coordinates or normals (compared bit by bit) or different
-    textures. Normals stay an array of corners.
-    The first copy keeps the place of the vertex in the order. The other copies come after all kept vertices
-    with the same texture, in the order of the corners that use them. Faces keep their order within a group.
+    textures. Normals stay an array with one row per corner. A vertex keeps its place in the order for its
+    first copy. Further copies of the vertex are appended to the vertices with the same texture. Faces keep
+    their order within a group.
     """
     if mesh.corner_uvs is None and mesh.face_textures is None and mesh.corner_normals is None:
         return mesh
@@ -35,7 +36,7 @@ def with_vertex_uvs(mesh: Mesh) -> Mesh:
         order = np.argsort(mesh.face_textures, kind="stable")
         textures = mesh.face_textures[order].astype(np.int64)
     corners = mesh.faces[order].reshape(-1)
-    # Values (C, K) of each corner that its vertex must have: UVs and normals.
+    # Values (C, K) that all corners of a new vertex share: UVs and normals.
     values: list[NDArray[np.float32]] = []
     if mesh.corner_uvs is not None:
         values.append(mesh.corner_uvs.reshape(-1, 3, 2)[order].reshape(-1, 2))
@@ -55,13 +56,15 @@ def with_vertex_uvs(mesh: Mesh) -> Mesh:
 def _split_vertices(
     corners: NDArray[np.int64], textures: NDArray[np.int64], values: NDArray[np.float32], count: int
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]:
-    """Return the old vertex (N,) and values (N, K) of each new vertex, and the new vertex of each corner.
+    """Return the old vertex (N,) and the values (N, K) of each new vertex.
 
-    `corners`, `textures` (C,) and `values` (C, K) are the old vertex, the texture and the values of each face
-    corner, grouped by texture. `count` is the number of old vertices; unused ones are kept.
+    Also return the new vertex of each corner. The corners are grouped by texture. The corners have the old
+    vertices `corners` (C,), the textures `textures` (C,) and the values `values` (C, K). The argument `count`
+    is the number of old vertices. Unused vertices are kept.
     """
-    # Corners with the same vertex, texture and bits of values share a new vertex. Sort them to find the
-    # groups: `first` (N,) is the earliest corner of each group, `numbers` (C,) the group of each corner.
+    # Corners with the same vertex, texture and values (compared bit by bit) share a new vertex. Sort the
+    # corners into groups. `first` (N,) is the earliest corner of each group, and `numbers` (C,) is the group
+    # of each corner.
     values = np.ascontiguousarray(values)
     bits: NDArray[Any]
     if values.shape[1] == 2:
@@ -76,8 +79,8 @@ def _split_vertices(
     numbers = np.zeros(len(by), np.int64)
     numbers[by] = np.cumsum(differs) - 1
 
-    # An old vertex has several groups if it is split. The group with its earliest corner keeps the place of
-    # the vertex.
+    # An old vertex that is split has several groups. The new vertex of the group with the earliest corner
+    # replaces the old vertex.
     vertices = corners[first]
     begins = np.flatnonzero(np.diff(vertices, prepend=-1))
     stays = np.zeros(len(first), bool)
@@ -87,7 +90,7 @@ def _split_vertices(
     used[vertices] = True
     unused = np.flatnonzero(~used)
 
-    # Append the unused vertices. Sort by texture; for each texture, kept vertices come before copies.
+    # Append the unused vertices. Sort by texture. Within each texture, kept vertices come before copies.
     vertices = np.concatenate((vertices, unused))
     stays = np.concatenate((stays, np.ones(len(unused), bool)))
     place = np.where(stays, vertices, np.concatenate((first, unused)))
@@ -106,23 +109,24 @@ def without_textures(mesh: Mesh) -> Mesh:
 
 
 def with_sampled_colors(mesh: Mesh) -> Mesh:
-    """Return `mesh` with vertex colours sampled from its textures, instead of the textures.
+    """Return `mesh` with vertex colours sampled from its textures, and without textures.
 
-    The colour of a vertex is the average over its corners, in linear light and weighted by face area. The
-    colour of a corner is the colour of the texture, filtered to the size of the face. It is multiplied with
-    the vertex colour, or with the face colour if there are no vertex colours. Alpha is kept if the sampler
-    has an alpha cut-off.
+    The colour of a vertex is the average over its corners, in linear light, weighted by face area. The colour
+    of a corner is the texture colour, filtered to the size of the face. Alpha is multiplied with the vertex
+    colour, or with the face colour if there are no vertex colours. Alpha is kept if the sampler has an alpha
+    cut-off.
     """
     if not mesh.textures:
         return without_textures(mesh)
     corners = mesh.faces.reshape(-1)
     uvs = mesh.vertex_uvs[corners] if mesh.corner_uvs is None else mesh.corner_uvs  # type: ignore[index]
-    # sampled (3F, 4): linear colour and alpha at each corner.
+
+    # Compute `sampled` (3F, 4), the linear colour and alpha at each corner.
     sampled = _sample_corners(mesh, uvs.reshape(-1, 3, 2).astype(np.float64))
     if mesh.vertex_colors is None and mesh.face_colors is not None:
         sampled *= np.repeat(linear_light(with_alpha(mesh.face_colors)), 3, axis=0)
     points = mesh.vertices[mesh.faces].astype(np.float64)
-    # Weight (3F,): the face area. Coordinates are scaled first, so that products do not overflow.
+    # Weight (3F,): the face area. Scale the coordinates first, so that products do not overflow.
     points /= np.abs(points).max(initial=np.finfo(np.float64).tiny, where=np.isfinite(points))
     area = np.linalg.norm(np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]), axis=1)
     weight = np.repeat(area + np.finfo(np.float32).tiny, 3)
@@ -142,8 +146,8 @@ def with_sampled_colors(mesh: Mesh) -> Mesh:
 
 
 def _sample_corners(mesh: Mesh, uvs: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return the linear light and alpha (3F, 4) of the textures at the corners, whose coordinates are `uvs`
-    (F, 3, 2).
+    """Return the colours of the textures at corners with the UVs `uvs` (F, 3, 2), as linear light and alpha
+    (3F, 4).
     """
     light = np.zeros((len(uvs), 3, 4), np.float32)
     smooth = replace(mesh.sampler, filter="linear", mipmaps=True)

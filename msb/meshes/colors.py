@@ -8,16 +8,17 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import LINEAR, linear_to_srgb, srgb_to_linear
 
-# Floats in [0, 1] with a smaller difference count as equal, because other programs write rounded decimals.
+# Floats in [0, 1] with a smaller difference are equal, because other programs write rounded decimals.
 _SAME = 1e-6
 
 
 def stored_colors(values: NDArray[Any]) -> NDArray[Any]:
     """Return colours (N, 3 | 4) of any number type as uint8 or as float32 in [0, 1], in native byte order.
 
-    uint8 is kept. uint16 is divided by 65535. Other integers are clamped to 0..255. Floats are clamped to
-    0..1, as glTF prescribes. Some programs write bytes as floats. Therefore floats become uint8 if all are
-    whole numbers from 0 to 255 and at least one is above 1. NaN becomes 0.
+    Values of type uint8 are kept, and uint16 values are divided by 65535. Integer colours of other types are
+    clamped to 0..255. Floats are clamped to 0..1, as glTF prescribes. Some programs write colour bytes as
+    float numbers. Float colours become uint8 if all values are whole numbers up to 255 and a value exceeds 1.
+    NaN becomes 0.
     """
     if values.dtype.kind == "f":
         values = np.nan_to_num(values, nan=0.0)
@@ -33,12 +34,12 @@ def stored_colors(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def clamp_floats(values: NDArray[Any]) -> NDArray[Any]:
-    """Return float colours clamped to [0, 1]; NaN becomes 0."""
+    """Return float colours clamped to [0, 1]. NaN becomes 0."""
     return np.asarray(np.nan_to_num(values, nan=0.0).clip(0, 1))
 
 
 def with_alpha(colors: NDArray[Any]) -> NDArray[Any]:
-    """Return colours (N, 3 | 4) as (N, 4); a missing alpha channel is opaque."""
+    """Return colours (N, 3 | 4) as (N, 4). A missing alpha channel is opaque."""
     if colors.shape[1] == 4:
         return colors
     opaque = 1 if colors.dtype.kind == "f" else np.iinfo(colors.dtype).max
@@ -52,17 +53,17 @@ def as_floats(colors: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def linear_light(colors: NDArray[Any]) -> NDArray[np.float32]:
-    """Return sRGB colours (N, 3 | 4) as linear light in float32; alpha is linear already."""
+    """Return sRGB colours (N, 3 | 4) as linear light in float32. Alpha is already linear."""
     light = as_floats(colors)
     light[:, :3] = LINEAR[colors[:, :3]] if colors.dtype == np.uint8 else srgb_to_linear(colors[:, :3])
     return light
 
 
 def srgb_colors(linear: NDArray[Any], most: int = 0) -> NDArray[Any]:
-    """Return linear colours (N, 3 | 4), uint8 or float32, as sRGB; alpha is unchanged.
+    """Return linear colours (N, 3 | 4), uint8 or float32, as sRGB. Alpha is unchanged.
 
-    The result is uint8 if bytes represent all given values, else float32. If `most` is 65535, the floats
-    represent uint16 values.
+    The sRGB colours are uint8 if bytes represent all given values exactly, else float32. If `most` is 65535,
+    float colours were uint16 values in the file.
     """
     if linear.dtype == np.uint8:
         stored, most = linear, 255
@@ -79,7 +80,7 @@ def srgb_colors(linear: NDArray[Any], most: int = 0) -> NDArray[Any]:
 
 
 def _convert_floats(linear: NDArray[Any]) -> NDArray[Any]:
-    """Return linear float32 colours as sRGB: uint8 if they convert back to the same values, else float32."""
+    """Return linear float32 colours as sRGB: as uint8 if this is reversible, else as float32."""
     levels = _quantize(linear, 255)
     levels[:, :3] = _build_table(65535)[1][_quantize(linear[:, :3], 65535)]
     back: NDArray[Any] = np.concatenate((LINEAR[levels[:, :3]], levels[:, 3:] / np.float32(255)), axis=1)
@@ -95,8 +96,8 @@ def _quantize(values: NDArray[Any], most: int) -> NDArray[np.intp]:
 
 @cache
 def _build_table(most: int) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]:
-    """Return three arrays for the linear levels 0..`most`: the sRGB value, the nearest byte, and whether it
-    is exact.
+    """For each linear level in 0..`most`, return its sRGB value, the nearest byte, and whether this byte is
+    exact.
 
     A byte is exact if it converts back to the same linear level.
     """
@@ -108,10 +109,11 @@ def _build_table(most: int) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDA
 
 
 def linear_colors(colors: NDArray[Any]) -> NDArray[Any]:
-    """Return sRGB colours (N, 3 | 4) as linear light: uint8 if its error is below half a level, else uint16.
+    """Return sRGB colours (N, 3 | 4) as linear light.
 
-    A level is 1/255 of sRGB. Linear bytes are too coarse for dark colours. The error of uint16 is at most
-    1/40 of a level.
+    The type is uint8 if the error is below half a level, else uint16. One colour level is 1/255 of the sRGB
+    range. Linear light in 8 bits is too coarse for dark colours. The error of uint16 values is at most 1/40
+    of a level.
     """
     light = linear_light(colors)
     as_bytes = np.rint(light * 255)

@@ -20,22 +20,23 @@ from msb.meshes.writing import check_writable
 for _format in (ply.FORMAT, obj.FORMAT, off.FORMAT, stl.FORMAT, *gltf_scene.FORMATS, *usd.FORMATS):
     OURS.update(dict.fromkeys(_format.suffixes, _format))
 
-# The suffixes that `read_mesh` accepts, in lower case, including formats of other packages.
+# The suffixes that `read_mesh` accepts, in lower case, including the formats of other packages.
 MESH_SUFFIXES = FORMATS.keys()
-# Maximum number of entries in `Mesh.left_out`. Further entries are only counted, because a hostile file may
-# have millions.
+# Maximum number of entries in `Mesh.left_out`, the list of ignored data. Later entries are only counted,
+# because a malicious file may have millions of entries.
 _MAX_LEFT_OUT = 16
 
 
 def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
-    """Read a mesh file exactly as stored: nothing is merged, split, dropped, reordered or repaired.
+    """Read a mesh file exactly as stored: no data is merged, split, dropped, reordered or repaired.
 
     Parameters
     ----------
     path : str or Path
         A regular file. Its suffix, in upper or lower case, selects the format.
     images : bool
-        Whether to decode texture images. If False, `textures` is empty, but texture coordinates are read.
+        Whether to decode texture images. If False, texture images are skipped. Texture coordinates are always
+        read.
 
     Returns
     -------
@@ -50,15 +51,15 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
     MeshFileError
         The content is invalid: one of the MESH_FILE_ codes.
     MeshError
-        MESH_INDEX_OUT_OF_RANGE: a USD file with colours per corner has an invalid vertex index. Meshes of
-        other files are returned with their invalid indices.
+        MESH_INDEX_OUT_OF_RANGE: a USD file with colours per corner has an invalid vertex index. Meshes of all
+        other formats are returned with their invalid indices.
 
     Notes
     -----
-    The file is untrusted. Declared sizes are compared with the file size before memory is allocated. Linked
-    files (buffers and images of glTF, materials and images of OBJ) are opened only if they are regular files
-    in the same folder or below. Absolute paths, URLs, ".." and links to other folders are rejected. Time and
-    memory are linear in the size of these files.
+    The file is not trusted. Declared sizes are compared with the file size before memory is allocated.
+    Linked files are buffers and images of glTF, and materials and images of OBJ. Linked files are
+    only opened if they are regular files in the same folder or below. Absolute paths, URLs, ".." and links to
+    other folders are rejected. Time and memory are linear in the size of the read files.
     """
     name = os.fspath(path)
     try:
@@ -73,7 +74,7 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
 
 
 def _shorten_left_out(mesh: Mesh) -> Mesh:
-    """Return `mesh` with a shorter `left_out`: its first entries, and then the number of the remaining
+    """Return `mesh` with a shortened `left_out`, which contains the first entries and the number of other
     entries.
     """
     first, more = mesh.left_out[:_MAX_LEFT_OUT], len(mesh.left_out) - _MAX_LEFT_OUT
@@ -83,7 +84,7 @@ def _shorten_left_out(mesh: Mesh) -> Mesh:
 def write_mesh(
     mesh: Mesh, target: str | os.PathLike[str] | BinaryIO, *, suffix: str, style: Style | None = None
 ) -> None:
-    """Write a mesh file. The same mesh always gives the same bytes.
+    """Write a mesh file. Equal meshes always give equal bytes.
 
     Parameters
     ----------
@@ -101,8 +102,8 @@ def write_mesh(
     InputError
         FILE_NOT_RECOGNISED: the format is unknown or read-only.
     OutputError
-        OUTPUT_FORMAT_LIMIT: the format cannot store this mesh, or a coordinate is not finite or too large.
-        OUTPUT_UNWRITABLE: the path cannot be written. Errors of an open stream are passed on unchanged.
+        OUTPUT_FORMAT_LIMIT: the format cannot store this mesh, or a coordinate is not finite or is too large.
+        OUTPUT_UNWRITABLE: the path cannot be written. Errors of an open stream are raised unchanged.
     MeshError
         MESH_INDEX_OUT_OF_RANGE: a face uses a vertex that does not exist.
     """
@@ -127,7 +128,7 @@ def write_mesh(
 
 
 def companion_files(mesh: Mesh, path: Path, style: Style) -> dict[Path, bytes]:
-    """Return the companion files that `write_whole` writes next to `path`, as path -> content."""
+    """Return the additional files that `write_whole` writes for `path`, as path -> content."""
     form = _find_format(str(path), path.suffix)
     files = form.companions(mesh, replace(style, stem=path.stem)) if form.companions else {}
     return {path.with_name(name): content for name, content in files.items()}
@@ -141,10 +142,12 @@ def write_whole(
     overwrite: bool = True,
     check_companion: Callable[[Path], None] = lambda path: None,
 ) -> None:
-    """Write a mesh and its companion files in the format of the suffix. Either all files are written or none.
+    """Write a mesh and its additional files in the format of the suffix.
 
-    `check_companion` may reject the path of a companion file before anything is written. Errors are those of
-    `write_mesh` and of `new_files`.
+    Either all files are written or no file is written.
+
+    The function `check_companion` may reject the path of an additional file before anything is written.
+    Raises the errors of `write_mesh` and `new_files`.
     """
     style = replace(style or Style(), stem=path.stem)
     companions = companion_files(mesh, path, style)
@@ -165,6 +168,6 @@ def _find_format(name: str, suffix: str) -> Format:
 
 
 def make_suffix_error(name: str, suffix: str) -> InputError:
-    """Return the error for the file `name`, whose suffix is unknown."""
+    """Return the error for the file `name` with an unknown suffix."""
     what = f"'{suffix}' is not a mesh file suffix" if suffix else "the file has no suffix"
     return InputError("FILE_NOT_RECOGNISED", f"{what}; use one of {' '.join(MESH_SUFFIXES)}", file=name)

@@ -1,4 +1,4 @@
-"""The declaration of a mesh format, and the table of all formats, including formats of other packages."""
+"""The declaration of a mesh format, and a table of all formats, including formats of other packages."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ class Web:
         longest side of the bounding box. 88 is about the precision of float32.
     levels : float, optional
         Largest colour error in levels of 8-bit sRGB. Colours are stored as 16-bit linear light, rounded to as
-        few significant bits as this error allows. None: 8-bit linear light, with errors of up to 6 levels in
-        dark colours.
+        few significant bits as this error allows. The value None stores colours as 8-bit linear light, with
+        errors of up to 6 levels in dark colours.
     by_distance : bool
         For triangle soups: use a finer grid for faces near the centre of the scene and a coarser grid far
         away, instead of one grid.
@@ -50,14 +50,15 @@ class Style:
     Attributes
     ----------
     color : {"linear", "srgb"}, optional
-        The colour space of vertex colours; None: the format's default.
+        The colour space of vertex colours; None is the default of the format.
     texture : {"png", "jpeg", "webp"}
         The image format of textures.
     web : Web, optional
-        For GLB: the precision of a compressed file, whose rows are reordered. None: an uncompressed file,
-        which every program can read.
+        For GLB: the precision of a compressed file, whose rows are reordered. The value None gives an
+        uncompressed file, which every program can read.
     stem : str, optional
-        The file name, without suffix, of companion files (materials, images); None: write no companions.
+        The file name, without suffix, of additional files (materials, images); with None, no such files are
+        written.
     extras : mapping, optional
         For GLB: JSON data for the file's `asset.extras`.
     collision : tuple of Mesh
@@ -65,7 +66,8 @@ class Style:
     is_convex : bool
         Whether each collision shape is convex.
     is_lit : bool
-        For GLB, OBJ and USD: whether programs light the materials. By default they show colours as stored.
+        For GLB, OBJ and USD: whether programs light the materials. By default, programs show colours as
+        stored.
     """
 
     color: Color | None = None
@@ -85,37 +87,38 @@ Kept = Literal["vertex_colors", "face_colors", "vertex_uvs", "normals", "texture
 class Format:
     """One mesh format.
 
-    A format of ours is declared in its module and registered by one line in `msb.meshes.files`. Another
-    package registers its format by an entry point of the group `msb.meshes` (docs/extending.md).
+    A built-in format is declared in its module and registered by one line in `msb.meshes.files`. Another
+    package registers its format with an entry point of the group `msb.meshes` (docs/extending.md).
 
     Attributes
     ----------
     title : str
         The name in messages, such as "PLY".
     suffixes : tuple of str
-        The suffixes in lower case, the usual one first, such as (".ply",).
+        The suffixes in lower case, the usual suffix first, such as (".ply",).
     read : callable
-        A function from `Source` to `Mesh`. For invalid bytes it raises `MeshFileError` and nothing else.
+        A function from `Source` to `Mesh`. For invalid bytes the function raises only `MeshFileError`.
     write : callable, optional
         A function that writes a mesh with valid coordinates and indices to a binary stream; None for a
         read-only format.
     begins : compiled pattern of bytes, optional
         The signature at the start of every file of this format. Files of other formats must not begin with
-        it. It identifies files with a wrong suffix.
+        this signature. The signature identifies files with a wrong suffix.
     companions : callable, optional
-        A function that returns the contents of the companion files of a mesh (materials, images) by name.
-        Names begin with the `stem` of the style.
+        A function that returns the contents of the additional files of a mesh (materials, images) by name.
+        The file names begin with the `stem` of the style.
     keeps : tuple of {"vertex_colors", "face_colors", "vertex_uvs", "normals", "textures", "collision"}
         The optional parts of a mesh that the format can store.
     list_stored, list_lost : callable, optional
-        Functions of a textured mesh. The first names the colours and textures that a file stores, the second
-        the parts that it loses. They are needed if this depends on more than `keeps`.
+        Functions of a textured mesh. The function `list_stored` names the colours and textures that a file
+        stores. The function `list_lost` names the lost parts. These functions are only needed if `keeps` does
+        not determine the stored data.
     is_soup : bool
         True if the format stores three vertices per face, so that faces never share vertices.
     is_single : bool
         True if the format always stores coordinates as float32.
     has_origin : bool
-        For `is_single`: True if the format stores them relative to a point in float64, such as the
+        For `is_single`: True if the format stores coordinates relative to a point in float64, such as the
         translation of a node (`msb.meshes.writing.as_local`).
     is_linear : bool
         True if the format defines vertex colours as linear light.
@@ -139,11 +142,11 @@ class Format:
     up: str | None = None
 
 
-# Suffixes that no package may use.
+# Suffixes that no package may register.
 _RESERVED = (".triasset",)
 _AXES = ("+x", "-x", "+y", "-y", "+z", "-z")
 _KEEPS = get_args(Kept)
-# Suffix, in lower case -> built-in format. `msb.meshes.files` fills it.
+# Maps suffixes in lower case to built-in formats. `msb.meshes.files` fills it.
 OURS: dict[str, Format] = {}
 
 
@@ -151,7 +154,7 @@ OURS: dict[str, Format] = {}
 def _theirs() -> dict[str, Format]:
     """Return the formats of other packages (entry points `msb.meshes`) by suffix.
 
-    Built-in suffixes stay ours.
+    Built-in suffixes cannot be replaced.
     """
     formats: dict[str, Format] = {}
 
@@ -159,9 +162,9 @@ def _theirs() -> dict[str, Format]:
         form = _load_package_format(name, entry)
         for suffix in form.suffixes:
             if suffix in OURS or suffix in _RESERVED:
-                raise PackageError(f"the suffix {suffix} is part of msb")
+                raise PackageError(f"the suffix {suffix} is built into msb")
             if suffix in formats:
-                raise PackageError(f"the suffix {suffix} belongs to {formats[suffix].title}")
+                raise PackageError(f"the suffix {suffix} is already registered by {formats[suffix].title}")
         formats.update(dict.fromkeys(form.suffixes, form))
 
     ours = {suffix.removeprefix("."): "msb.meshes" for suffix in OURS}
@@ -169,7 +172,7 @@ def _theirs() -> dict[str, Format]:
     return formats
 
 
-# All formats by suffix, in lower case: our formats, then the formats of other packages.
+# All formats by suffix, in lower case: built-in formats, then the formats of other packages.
 FORMATS: Mapping[str, Format] = Lazy(lambda: {**OURS, **_theirs()} if OURS else {})
 
 
@@ -181,9 +184,11 @@ def list_written_suffixes() -> list[str]:
 def _load_package_format(name: str, entry: str) -> Format:
     form = load(entry)
     if not isinstance(form, Format):
-        raise PackageError(f"it must be a msb.meshes.formats.Format, not of type {type(form).__name__}")
+        raise PackageError(
+            f"the entry point must be a msb.meshes.formats.Format, not of type {type(form).__name__}"
+        )
     if not isinstance(form.title, str) or not form.title.isprintable() or not form.title:
-        raise PackageError("its title must be a text of one line")
+        raise PackageError("its title must be a text with a single line")
     suffixes: Any = form.suffixes
     if not isinstance(suffixes, tuple) or not suffixes:
         raise PackageError('its suffixes must be a tuple such as (".tri",)')
@@ -191,17 +196,17 @@ def _load_package_format(name: str, entry: str) -> Format:
         if not isinstance(suffix, str) or not re.fullmatch(r"\.[a-z0-9_-]{1,20}", suffix):
             raise PackageError(f'the suffix {shorten(repr(suffix), 40)} must be lower case, such as ".tri"')
     if not isinstance(form.keeps, tuple) or not set(form.keeps) <= set(_KEEPS):
-        raise PackageError(f"its keeps must be a tuple of some of {', '.join(_KEEPS)}")
+        raise PackageError(f"its `keeps` must be a tuple of values from {', '.join(_KEEPS)}")
     if form.up is not None and form.up not in _AXES:
-        raise PackageError(f"its up must be None or one of {', '.join(_AXES)}")
+        raise PackageError(f"its `up` must be None or one of {', '.join(_AXES)}")
     begins: Any = form.begins
     if begins is not None and not (isinstance(begins, re.Pattern) and isinstance(begins.pattern, bytes)):
-        raise PackageError("its begins must be a compiled pattern of bytes")
+        raise PackageError("its `begins` must be a compiled pattern of bytes")
     if begins is not None and begins.match(b""):
         raise PackageError("its pattern `begins` matches every file")
     functions: tuple[Any, ...] = (form.read, form.write, form.companions)
     if not callable(form.read) or not all(function is None or callable(function) for function in functions):
-        raise PackageError("its read, write and companions must be functions")
+        raise PackageError("its `read`, `write` and `companions` must be functions")
     whose = describe_entry("mesh format", name, entry)
     read, write, companions = functions
     return replace(
@@ -214,7 +219,10 @@ def _load_package_format(name: str, entry: str) -> Format:
 
 @dataclass(frozen=True)
 class _PackageFunction:
-    """A function of a mesh format from another package. Its errors name that package."""
+    """Wraps a function of a mesh format from another package.
+
+    Error messages of the function contain the name of the package.
+    """
 
     whose: str
     function: Callable[..., Any]
@@ -225,15 +233,15 @@ class _PackageFunction:
                 return self.function(*arguments)
         except PackageError as error:
             if isinstance(error.__cause__, OSError | MemoryError):
-                raise error.__cause__ from None  # a full disk, for example
+                raise error.__cause__ from None  # for example, the disk is full
             raise UsageError("PACKAGE_LEFT_OUT", f"{self.whose}: {error}") from error.__cause__
 
 
 @dataclass(frozen=True)
 class _PackageReader:
-    """The function `read` of a mesh format from another package.
+    """Wraps the function `read` of a mesh format from another package.
 
-    Any error of this function means that the file is invalid.
+    If this function raises any error, the file counts as invalid.
     """
 
     whose: str
@@ -246,10 +254,10 @@ class _PackageReader:
             with contain_errors():
                 try:
                     mesh = self.function(source)
-                except MeshError as error:  # its arrays are not a valid mesh
+                except MeshError as error:  # the arrays of the function are not a valid mesh
                     raise PackageError(error.message) from error
                 if not isinstance(mesh, Mesh):
-                    raise PackageError(f"it must return a msb.meshes.Mesh, not a {type(mesh).__name__}")
+                    raise PackageError(f"`read` must return a msb.meshes.Mesh, not a {type(mesh).__name__}")
         except PackageError as error:
             if isinstance(error.__cause__, MemoryError):
                 raise error.__cause__ from None

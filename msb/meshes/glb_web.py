@@ -1,8 +1,9 @@
-"""Write GLB files for the web: positions on a grid, and arrays compressed with EXT_meshopt_compression.
+"""Writes GLB files for the web: positions on a grid, and arrays compressed with EXT_meshopt_compression.
 
-Positions are stored as integer grid coordinates. The scale of the node converts them back. They are uint16 if
-they fit (KHR_mesh_quantization). Otherwise they are floats. The filter EXPONENTIAL of EXT_meshopt_compression
-stores them as mantissa and exponent.
+Positions are stored as integer grid coordinates. The scale of the node converts grid coordinates back to
+positions. Grid coordinates are uint16 if they fit (KHR_mesh_quantization). If uint16 is too small, grid
+coordinates are floats. The filter EXPONENTIAL of EXT_meshopt_compression stores float coordinates as mantissa
+and exponent.
 """
 
 from __future__ import annotations
@@ -26,17 +27,19 @@ from msb.meshes.writing import as_local
 
 _MESHOPT, _QUANTIZATION = "EXT_meshopt_compression", "KHR_mesh_quantization"
 # Finest precision of positions, in quarters of a bit. Mantissas of 24 bits cannot represent the coordinates
-# of a finer grid. The limit of a grid that varies by distance is 3 bits lower, because its finest step is 3
-# bits finer.
+# of a finer grid. If the grid varies by distance, the limit is 3 bits lower, because the finest step of the
+# grid is 3 bits finer.
 _FINEST, _FINEST_BY_DISTANCE = 88, 76
-# Range of the grid step, which varies by distance. It is given in bits relative to the step at the median
-# distance: from 8 times finer (-3) to 32 times coarser (5).
+# Range of the grid step if the step varies by distance. The values are binary logarithms relative to the step
+# at the median distance, from 8 times finer (-3) to 32 times coarser (5).
 _FINER, _COARSER = -3, 5
-# Increase of the grid step at twice the distance, in bits. The step is then 2.8 times coarser.
+# When the distance doubles, the grid step increases by this number of bits. At twice the distance, the step
+# is 2.8 times coarser.
 _BITS_PER_DOUBLING = 1.5
-# Precision of texture coordinates, in bits below one texel. The step is 1/16 texel.
+# Precision of texture coordinates, in bits below one texel: the smallest step is 1/16 texel.
 _TEXEL_BITS = 4
-# Bits of a mantissa without its sign. They limit the precision of texture coordinates far outside [0, 1].
+# Number of bits of a mantissa without its sign. Far outside [0, 1], the size of the mantissa limits the
+# precision of texture coordinates.
 _MANTISSA = 23
 
 
@@ -44,8 +47,8 @@ _MANTISSA = 23
 class Grid:
     """Positions (V, 3) rounded to a grid.
 
-    The position of vertex v is corner + step * whole[v], and whole[v] is a multiple of 2 ** exponents[v].
-    `origin` (3,) is the origin of `corner`.
+    The position of vertex v is corner + step * whole[v]. The integers whole[v] are multiples of 2 **
+    exponents[v]. The field `corner` is relative to the point `origin` (3,).
     """
 
     whole: NDArray[np.int64]
@@ -58,8 +61,9 @@ class Grid:
     def of(cls, mesh: Mesh, web: Web) -> Grid:
         """Return the positions of `mesh` rounded with the precision of `web`.
 
-        The step is a power of two times 8, 7, 6 or 5 eighths. It is at least the float32 spacing at the
-        farthest vertex. Different grid positions then stay different after decoding.
+        The step of the position grid is a power of two, multiplied by 8, 7, 6 or 5 eighths. The grid step is
+        at least the float32 spacing at the farthest vertex. With this step, different grid positions stay
+        different after decoding.
         """
         local, origin = as_local(mesh.vertices, "GLB")
         positions = local.astype(np.float64)
@@ -86,7 +90,7 @@ class Grid:
 
     @property
     def stored(self) -> NDArray[Any]:
-        """The grid coordinates (V, 3) as stored: uint16, or float32 if they do not fit."""
+        """The stored grid coordinates (V, 3): uint16, or float32 if uint16 is too small."""
         short = self.whole.max() < 1 << 16 and not self.exponents.any()
         return self.whole.astype(np.uint16 if short else np.float32)
 
@@ -94,8 +98,9 @@ class Grid:
 def _coarsen_by_distance(mesh: Mesh, positions: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return the coarsening of the grid step for each vertex (V,) of a soup, in bits.
 
-    Negative values are finer. The step grows with the distance of the face from the centre of the scene.
-    Cameras are near the centre. They see distant faces from far away, and these faces are larger.
+    Negative values mean a finer step. The grid step grows with the distance of the face from the centre of
+    the scene. Cameras are near the centre of a scene. Cameras view distant faces from far away, and distant
+    faces are larger.
     """
     offset = positions[mesh.faces].mean(axis=1) - np.median(positions, axis=0)
     distance = np.linalg.norm(offset, axis=1)
@@ -107,13 +112,16 @@ def _coarsen_by_distance(mesh: Mesh, positions: NDArray[np.float64]) -> NDArray[
 
 
 def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
-    """Write `mesh` as a compressed GLB. Its UVs must be per vertex. Faces and vertices are reordered."""
+    """Write `mesh` as a compressed GLB.
+
+    The UVs of the mesh must be per vertex. Faces and vertices are reordered for compression.
+    """
     need_extra("compressed", "meshopt", what="a GLB for the web")
     web = style.web
     assert web is not None
     builder = _CompressedBuilder(start_root(mesh, style))
     if web.by_distance and mesh.face_textures is not None:
-        web = replace(web, by_distance=False)  # `Grid.exponents` covers the whole mesh, not single primitives
+        web = replace(web, by_distance=False)  # `Grid.exponents` cannot describe single primitives.
     # Positions: grid coordinates, and a node transform that maps them back.
     grid = Grid.of(mesh, web)
     builder.root["nodes"][0] |= {
@@ -124,15 +132,16 @@ def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     if mesh.vertex_colors is not None:
         attributes["COLOR_0"] = with_alpha(quantize_light(mesh.vertex_colors, web.levels))
     if mesh.vertex_uvs is not None and mesh.textures:
-        # Texture coordinates become multiples of 2 ** -bits. The mantissa of the largest coordinate limits
-        # the bits.
+        # Texture coordinates are rounded to multiples of 2 ** -bits. The mantissa of the largest coordinate
+        # limits the bits.
         side = max(max(image.shape[:2]) for image in mesh.textures)
         most = max(float(np.abs(mesh.vertex_uvs).max(initial=0)), 1.0)
-        rounded = most * (1 + 0.5**_MANTISSA)  # rounding may reach the next power of two
+        # Rounding may increase the largest value to the next power of two.
+        rounded = most * (1 + 0.5**_MANTISSA)
         bits = min(math.ceil(math.log2(side)) + _TEXEL_BITS, _MANTISSA - math.frexp(rounded)[1])
         builder.exponents["TEXCOORD_0"] = np.full(1, -bits)
         attributes["TEXCOORD_0"] = (np.rint(mesh.vertex_uvs * 2.0**bits) * 0.5**bits).astype(np.float32)
-    # Reorder the rows of each primitive.
+    # Reorder the rows of each primitive for compression.
     builder.exponents["POSITION"] = np.zeros(1, np.int64)
     parts = []
     for part in split(mesh, attributes):
@@ -148,24 +157,26 @@ def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     builder.require(_MESHOPT)
     if attributes["POSITION"].dtype == np.uint16:
         builder.require(_QUANTIZATION)
-    # The fallback buffer for uncompressed arrays. The extension requires this buffer. It stays empty.
+    # This buffer is for readers without decompression. EXT_meshopt_compression requires a fallback buffer. It
+    # stays empty.
     builder.add("buffers", {"byteLength": builder.plain, "extensions": {_MESHOPT: {"fallback": True}}})
     finish(builder, stream)
 
 
 def quantize_light(colors: NDArray[Any], levels: float | None) -> NDArray[Any]:
-    """Return sRGB colours (V, 3 | 4) as linear light with an error of at most `levels` of 8-bit sRGB.
+    """Return sRGB colours (V, 3 | 4) as linear light with an error of at most `levels` levels of 8-bit sRGB.
 
-    They are uint8 if `levels` is None, else uint16. Every uint16 value is rounded to as few significant bits
-    as the error allows. The low bytes are then often zero and need almost no space.
+    The colours are uint8 if `levels` is None, else uint16. Every uint16 value is rounded to as few
+    significant bits as the error allows. With fewer significant bits, the low bytes are often zero and
+    compress well.
     """
     values = as_floats(colors)
     light = values.astype(np.float64)
     light[:, :3] = srgb_to_linear(values[:, :3])
     if levels is None:
         return np.asarray(np.rint(light * 255).astype(np.uint8))
-    # Round to multiples of 2, 4, ..., 256. Of each colour, keep the coarsest value whose error is small
-    # enough.
+    # Round the colours to multiples of 2, 4, ..., 256. For each colour, keep the coarsest value whose error
+    # is small enough.
     exact = light * 65535
     stored = np.rint(exact)
     for bits in range(1, 9):
@@ -183,7 +194,9 @@ def convert_to_srgb(light: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _order_soup(part: Primitive, exponents: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return an order of vertices (V,) that compresses well. Every three vertices in this order are a face.
+    """Return an order (V,) of the vertices that compresses well.
+
+    In the returned order, every three vertices are a face.
 
     Faces are sorted by grid step, then along a space-filling curve. Each face is rotated to begin with the
     corner nearest to the last corner of the previous face.
@@ -195,7 +208,7 @@ def _order_soup(part: Primitive, exponents: NDArray[np.int64]) -> NDArray[np.int
     rank = meshopt.reorder_points(points[part.faces].mean(axis=1))
     order = np.lexsort((rank, exponents[part.faces[:, 0]]))
     faces = part.faces[order]
-    # first (F,): the corner that each face begins with, by L1 distance.
+    # Choose the first corner of each face by L1 distance.
     first, last = [], (0.0, 0.0, 0.0)
     for corners in points[faces].tolist():
         distances = [sum(abs(x - y) for x, y in zip(corner, last, strict=True)) for corner in corners]
@@ -206,7 +219,10 @@ def _order_soup(part: Primitive, exponents: NDArray[np.int64]) -> NDArray[np.int
 
 
 def _select_rows(part: Primitive, order: NDArray[np.int64], faces: NDArray[np.int64] | None) -> Primitive:
-    """Return the vertices `order` (V,) of `part`. The indices `faces` (F, 3) refer to the result."""
+    """Return `part` with the vertices in the given `order` (V,).
+
+    The indices `faces` (F, 3) refer to the new order.
+    """
     rows = {name: np.ascontiguousarray(values[order]) for name, values in part.attributes.items()}
     return Primitive(rows, faces, part.texture)
 
@@ -214,18 +230,18 @@ def _select_rows(part: Primitive, order: NDArray[np.int64], faces: NDArray[np.in
 def _reorder_mesh(part: Primitive) -> Primitive:
     """Return `part` with the faces in meshopt's order and the vertices in the order of their first use.
 
-    Unused vertices come last.
+    Unused vertices come last in this order.
     """
     import meshopt
 
     assert part.faces is not None
-    # Sort the faces along a space-filling curve. Then meshopt optimises this order.
+    # Sort the faces along a space-filling curve. The library meshopt then optimises this order.
     points = part.attributes["POSITION"].astype(np.float32)
     rank = meshopt.reorder_points(points[part.faces].mean(axis=1))
     start = np.argsort(rank)
     flat = np.ascontiguousarray(part.faces[start].reshape(-1).astype(np.uint32))
     faces, place, used = meshopt.reorder_mesh(flat, True, True)
-    # place (V,): the new index of each vertex. meshopt omits unused vertices at the end.
+    # place (V,): the new index of each vertex. The library meshopt omits unused vertices at the end.
     count = len(points)
     place = np.concatenate((place, np.full(count - len(place), count)))
     is_used = place < used
@@ -237,41 +253,43 @@ def _reorder_mesh(part: Primitive) -> Primitive:
 
 @dataclass
 class _CompressedBuilder(GlbBuilder):
-    """A file whose arrays are compressed. `plain` is the size of the uncompressed arrays in bytes.
+    """A GLB file with compressed arrays.
 
-    The values of a float attribute are multiples of powers of two. `exponents` maps the name of the attribute
-    to the exponents of these powers, (V,) or (1,).
+    The field `plain` is the size of the uncompressed arrays in bytes.
+
+    Every float attribute contains multiples of powers of two. For each attribute name, `exponents` contains
+    the exponents of these powers, (V,) or (1,).
     """
 
     plain: int = 0
     exponents: dict[str, NDArray[np.int64]] = field(default_factory=dict)
 
     def rows(self, name: str, rows: NDArray[Any]) -> int:
-        """Append the compressed vertex attribute `name` (V, K); return the index of its buffer view."""
+        """Append the compressed attribute `name` (V, K) of the vertices. Return its buffer view's index."""
         import meshopt
 
         kind: dict[str, Any] = {"mode": "ATTRIBUTES"}
         if rows.dtype.kind == "f":
             kind["filter"] = "EXPONENTIAL"
-            # The filter stores an exponent of 8 bits and a mantissa of 24 bits.
+            # The filter stores an exponent of 8 bits and a mantissa of 24 bits per value.
             exponents = self.exponents[name][:, None]
             whole = np.rint(rows * 2.0**-exponents).astype(np.int64)
             rows = ((exponents & 0xFF) << 24 | whole & 0xFFFFFF).astype("<u4")
-        # Elements must be multiples of four bytes.
+        # The size of an element must be a multiple of four bytes.
         if odd := rows.strides[0] % 4:
             rows = np.pad(rows, ((0, 0), (0, odd // rows.itemsize)))
         content = meshopt.encode_gltf_buffer(np.ascontiguousarray(rows), "ATTRIBUTES", 0)
         return self._view(content, len(rows), rows.strides[0], kind, VERTICES)
 
     def indices(self, faces: NDArray[Any]) -> int:
-        """Append compressed faces (F, 3); return the index of their buffer view."""
+        """Append compressed faces (F, 3). Return the index of their buffer view."""
         import meshopt
 
         content = meshopt.encode_gltf_buffer(faces.reshape(-1).astype(np.uint32), "TRIANGLES", 0)
         return self._view(content, faces.size, faces.itemsize, {"mode": "TRIANGLES"}, INDICES)
 
     def _view(self, content: bytes, count: int, stride: int, kind: dict[str, Any], target: int) -> int:
-        """Append compressed data of `count` elements of `stride` bytes; return its buffer view's index."""
+        """Append compressed data of `count` elements of `stride` bytes. Return its buffer view's index."""
         packed = self.put(content) | {"byteStride": stride, "count": count} | kind
         plain: dict[str, Any] = {"buffer": 1, "byteOffset": self.plain, "byteLength": count * stride}
         if target == VERTICES:

@@ -1,4 +1,4 @@
-"""Write meshes as GLB."""
+"""Writes meshes as GLB files."""
 
 import json
 from collections.abc import Iterator
@@ -23,9 +23,9 @@ from msb.meshes.writing import as_local
 _UNLIT = "KHR_materials_unlit"
 _WEBP = "EXT_texture_webp"
 _COMPONENTS = {kind[1:]: number for number, kind in COMPONENTS.items()}
-# Targets of buffer views.
+# Target values of glTF buffer views.
 VERTICES, INDICES = 34962, 34963
-# From this number of vertices on, indices are uint32, because index 65535 is reserved for restarting strips.
+# A mesh with this number of vertices or more has uint32 indices, because index 65535 restarts strips.
 _MAX_SHORT = 1 << 16
 _FILTERS = {
     ("linear", True): 9987,
@@ -50,25 +50,25 @@ class Primitive:
 
 @dataclass
 class GlbBuilder:
-    """A file under construction: its JSON, and the parts of its binary chunk, padded to four bytes."""
+    """A GLB file under construction: its JSON, and the parts of its binary chunk, padded to four bytes."""
 
     root: dict[str, Any]
     binary: list[bytes | memoryview] = field(default_factory=list)
     size: int = 0
 
     def add(self, key: str, entry: dict[str, Any]) -> int:
-        """Append an object to the array `key` of the JSON; return its index."""
+        """Append an object to the array `key` of the JSON. Return the object's index."""
         self.root.setdefault(key, []).append(entry)
         return len(self.root[key]) - 1
 
     def require(self, extension: str) -> None:
-        """Mark the extension as required for reading the file."""
+        """Mark an extension as required for reading the file."""
         for key in ("extensionsUsed", "extensionsRequired"):
             if extension not in self.root.setdefault(key, []):
                 self.root[key].append(extension)
 
     def put(self, data: bytes | NDArray[Any]) -> dict[str, int]:
-        """Append bytes to the binary chunk, and return the buffer view that describes their place."""
+        """Append bytes to the binary chunk. Return the buffer view for these bytes."""
         content = data if isinstance(data, bytes) else np.ascontiguousarray(data).data.cast("B")
         start, self.size = self.size, self.size + len(content)
         self.binary.append(content)
@@ -78,20 +78,20 @@ class GlbBuilder:
         return {"buffer": 0, "byteOffset": start, "byteLength": len(content)}
 
     def rows(self, name: str, rows: NDArray[Any]) -> int:
-        """Append the vertex attribute `name` (V, K); return the index of its buffer view."""
+        """Append the attribute `name` (V, K) of the vertices. Return the index of its buffer view."""
         return self.add("bufferViews", self.put(rows) | {"target": VERTICES})
 
     def indices(self, faces: NDArray[Any]) -> int:
-        """Append faces (F, 3), uint16 or uint32; return the index of their buffer view."""
+        """Append faces (F, 3), uint16 or uint32. Return the index of their buffer view."""
         return self.add("bufferViews", self.put(faces) | {"target": INDICES})
 
 
 def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     """Write a two-sided mesh with one primitive per texture, unlit by default. Face colours are not written.
 
-    Positions and texture coordinates are float32, because some programs do not scale normalized integers.
-    An origin of the positions is the translation of the node.
-    Colours are linear light as uint8 or uint16. If the style requests sRGB, they are written as stored.
+    Positions and texture coordinates are float32, because some programs do not scale normalized integers. An
+    origin of the positions becomes the translation of the node. Colours are linear light as uint8 or uint16.
+    If the style requests sRGB, colours are written as stored.
     """
     if not len(mesh.faces):
         raise OutputError("OUTPUT_FORMAT_LIMIT", "GLB cannot store a mesh without faces; use PLY")
@@ -117,7 +117,10 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
 
 
 def start_root(mesh: Mesh, style: Style) -> dict[str, Any]:
-    """Return the JSON of a new file: a scene with a node for one mesh, which is added later."""
+    """Return the JSON of a new file.
+
+    The file contains a scene with a node for one mesh, which is added later.
+    """
     asset: dict[str, Any] = {"version": "2.0", "generator": "MeshSplatBench"}
     extras = dict(style.extras or {})
     if mesh.placement is not None:
@@ -135,23 +138,27 @@ def start_root(mesh: Mesh, style: Style) -> dict[str, Any]:
 
 
 def _encode_colors(colors: NDArray[Any], style: Style) -> NDArray[Any]:
-    """Return colours (V, 3 | 4) as stored. Integers get an alpha channel, which aligns rows to four bytes."""
+    """Return colours (V, 3 | 4) in their stored form.
+
+    Integer colours get an alpha channel, which aligns rows to four bytes.
+    """
     if style.color != "srgb":
         colors = linear_colors(colors)
     return with_alpha(colors) if colors.dtype.kind == "u" else colors
 
 
 def split(mesh: Mesh, attributes: dict[str, NDArray[Any]]) -> Iterator[Primitive]:
-    """Yield one primitive per texture. `attributes` (V, K) are the attributes of all vertices.
+    """Yield one primitive per texture.
 
-    Faces and vertices of `mesh` must be grouped by texture, as `with_vertex_uvs` returns them.
+    The argument `attributes` (V, K) contains the attributes of all vertices. Faces and vertices of `mesh`
+    must be grouped by texture, as `with_vertex_uvs` returns them.
     """
     if mesh.face_textures is None:
         yield Primitive(attributes, mesh.faces, 0 if mesh.textures else None)
         return
     used, starts = np.unique(mesh.face_textures, return_index=True)
     faces = np.split(mesh.faces, starts[1:])
-    # The vertices of a primitive are the rows first[number] to first[number + 1].
+    # The vertices of primitive i are the rows first[i] to first[i + 1] - 1.
     first = [0, *(int(group.min()) for group in faces[1:]), len(mesh.vertices)]
     for number, texture in enumerate(used.tolist()):
         selected = slice(first[number], first[number + 1])
@@ -160,7 +167,7 @@ def split(mesh: Mesh, attributes: dict[str, NDArray[Any]]) -> Iterator[Primitive
 
 
 def add_mesh(builder: GlbBuilder, parts: list[Primitive], mesh: Mesh, style: Style) -> None:
-    """Add the primitives `parts` of `mesh` and their materials."""
+    """Add the primitives `parts` of `mesh` and their materials to the file."""
     primitives: list[dict[str, Any]] = []
     for number, part in enumerate(parts):
         entry = {}
@@ -181,14 +188,14 @@ def add_mesh(builder: GlbBuilder, parts: list[Primitive], mesh: Mesh, style: Sty
 
 
 def _describe_array(rows: NDArray[Any], view: int) -> dict[str, Any]:
-    """Return the accessor of an array (N, K) or (N,) that fills the buffer view `view`."""
+    """Return the accessor of an array (N, K) or (N,) that covers the whole buffer view `view`."""
     accessor: dict[str, Any] = {"bufferView": view, "componentType": _COMPONENTS[rows.dtype.str[1:]]}
     accessor |= {"count": len(rows), "type": "SCALAR" if rows.ndim == 1 else f"VEC{rows.shape[1]}"}
     return accessor | ({"normalized": True} if rows.ndim > 1 and rows.dtype.kind == "u" else {})
 
 
 def _add_material(builder: GlbBuilder, texture: int | None, mesh: Mesh, style: Style) -> None:
-    """Add the two-sided material of a primitive. Programs that light it show it rough."""
+    """Add the two-sided material of a primitive. Programs that light this material show a rough surface."""
     surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": 1}
     material: dict[str, Any] = {"pbrMetallicRoughness": surface}
     material |= {"doubleSided": True} if style.is_lit else {"extensions": {_UNLIT: {}}, "doubleSided": True}
@@ -200,7 +207,7 @@ def _add_material(builder: GlbBuilder, texture: int | None, mesh: Mesh, style: S
 
 
 def _add_texture(builder: GlbBuilder, mesh: Mesh, number: int, style: Style) -> int:
-    """Add texture `number` of `mesh` with its image and sampler; return its index in the file."""
+    """Add texture `number` of `mesh` with its image and sampler. Return its index in the file."""
     if "samplers" not in builder.root:
         builder.add("samplers", _describe_sampler(mesh.sampler))
     content, kind = encode_image(mesh.textures[number], style.texture, mesh.sampler)
@@ -230,7 +237,8 @@ def finish(builder: GlbBuilder, stream: BinaryIO) -> None:
     total = HEADER.size + CHUNK.size + len(text) + CHUNK.size + builder.size
     if total >= 2**32:
         raise OutputError(
-            "OUTPUT_FORMAT_LIMIT", f"a GLB file is limited to 4 GiB; this one would have {total} bytes"
+            "OUTPUT_FORMAT_LIMIT",
+            f"a GLB file is limited to 4 GiB, but this file would have {total} bytes; use PLY",
         )
     stream.write(HEADER.pack(b"glTF", 2, total) + CHUNK.pack(len(text), b"JSON") + text)
     stream.write(CHUNK.pack(builder.size, b"BIN\0"))

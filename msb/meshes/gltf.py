@@ -1,4 +1,4 @@
-"""Parse glTF 2.0: the GLB container, the JSON, the arrays ("accessors") in buffers, and the node tree."""
+"""Parses glTF 2.0: the GLB container, the JSON, the arrays ("accessors") in buffers, and the node tree."""
 
 from __future__ import annotations
 
@@ -21,40 +21,42 @@ from msb.meshes.source import Source
 
 HEADER = struct.Struct("<4sII")
 CHUNK = struct.Struct("<I4s")
-# Component types of glTF 2.0 -> NumPy types.
+# Maps component types of glTF 2.0 to NumPy types.
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 
-# Accessor types -> components per element.
+# Maps accessor types to their number of components.
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
-# Largest JSON in bytes: 16 MiB, enough for about 100,000 nodes. Parsing it takes at most about 400 MB.
+# Largest JSON in bytes: 16 MiB, enough for about 100,000 nodes. Parsing a JSON text of this size needs at
+# most about 400 MB.
 MAX_JSON_BYTES = 1 << 24
 
-# Deepest nesting of the JSON. glTF needs about ten levels, and extras may add some.
+# Deepest nesting of the JSON. glTF needs about ten levels. The `extras` objects may need more.
 MAX_JSON_DEPTH = 64
 
 # A long data URI in the JSON.
 _DATA_URI = re.compile(rb'"(data:[^"\\]{256,})"')
 
-# Largest buffer in a separate file, in bytes: 1 TiB.
+# Largest buffer in a separate file: 1 TiB, in bytes.
 MAX_BUFFER = 1 << 40
 
 IDENTITY = np.eye(4)
-# The extension for Gaussian splats. A file with it is a model of Gaussians, not a mesh.
+# The extension for Gaussian splats. A file that uses this extension is a model of Gaussians, not a mesh.
 GAUSSIANS = "KHR_gaussian_splatting"
-# Bytes of a file that are searched for the name of an extension.
+# Number of bytes of a file that are searched for the name of an extension.
 _SEARCHED = 1 << 22
 VISIBILITY = "KHR_node_visibility"
 
-# Maximum number of nodes. Real scenes have some thousands; a million take a few seconds.
+# Maximum number of nodes. Real scenes have some thousand nodes. A million nodes take a few seconds.
 MAX_NODES = 1 << 20
 
-# Memory limit for the arrays of a file: 64 bytes per byte of the file, plus 256 MiB. A byte of the file needs
-# at most 24 bytes (as an index). A file therefore reaches the limit only if nodes or primitives share arrays.
+# Memory limit for the arrays of a file: 64 bytes per byte of the file, plus 256 MiB. A byte of a file needs
+# at most 24 bytes in memory, if it is a vertex index. Only a file whose nodes or primitives share arrays can
+# exceed this limit.
 MAX_BYTES_PER_BYTE = 64
 MAX_EXTRA_BYTES = 1 << 28
 
-# The change of the nesting depth for each byte.
+# For each byte value, the change of the nesting depth of the JSON.
 _NESTING = np.zeros(256, dtype=np.int8)
 _NESTING[list(b"[{")] = 1
 _NESTING[list(b"]}")] = -1
@@ -62,14 +64,14 @@ _NESTING[list(b"]}")] = -1
 
 @dataclass(frozen=True)
 class Document:
-    """A parsed glTF file. Buffers and linked files are read on demand, and cached.
+    """A parsed glTF file. Buffers and linked files are read on demand and cached.
 
     Attributes
     ----------
     root : dict
         The JSON object.
     embedded : dict
-        Long data URIs, which are replaced in the JSON by the keys "#0", "#1", ....
+        Long data URIs by their keys "#0", "#1", ..., which replace the URIs in the JSON.
     buffers : dict
         The bytes of the buffers by number.
     files : dict
@@ -77,8 +79,8 @@ class Document:
     views : dict
         The decoded bytes of compressed buffer views by number.
     packed : dict
-        The decoded arrays (count, width) of compressed primitives. The keys are the JSON pointer of the
-        primitive and then the name of the attribute.
+        The decoded arrays (count, width) of compressed primitives. A key is the JSON pointer of the primitive
+        and the name of the attribute.
     """
 
     source: Source
@@ -93,13 +95,16 @@ class Document:
     def limit(self) -> int:
         """Memory limit for the arrays in bytes.
 
-        It depends on the sizes of the file and of the linked files read.
+        The memory limit depends on the sizes of the file and of all linked files that were read.
         """
         linked = sum(map(len, self.files.values()))
         return MAX_BYTES_PER_BYTE * (len(self.source.data) + linked) + MAX_EXTRA_BYTES
 
     def check_total(self, what: str, total: int) -> None:
-        """Raise MESH_FILE_TOO_LARGE if arrays of `total` bytes exceed the limit; `what` names them."""
+        """Raise MESH_FILE_TOO_LARGE if arrays of `total` bytes exceed the limit.
+
+        The message begins with `what`.
+        """
         if total > (limit := self.limit):
             text = f"{what} need {total} bytes; the limit for a file of this size is {limit}"
             raise self.source.error("MESH_FILE_TOO_LARGE", text)
@@ -113,7 +118,7 @@ class Document:
     ) -> int:
         """Return the integer `owner[key]`, from 0 to `below` - 1.
 
-        The value is required unless `default` is given.
+        Without `default`, the value is required.
         """
         value = owner.get(key, default)
         if type(value) is not int or not 0 <= value < below:
@@ -124,7 +129,10 @@ class Document:
     def numbers(
         self, owner: dict[str, Any], key: str, pointer: str, default: tuple[float, ...]
     ) -> NDArray[np.float64]:
-        """Return the array (N,) of finite numbers `owner[key]`, with the length of `default`."""
+        """Return the finite numbers in the array `owner[key]` (N,).
+
+        The array must have the length of `default`.
+        """
         value = owner.get(key, default)
         ok = isinstance(value, list | tuple) and len(value) == len(default)
         if not ok or not all(type(entry) in (int, float) and _is_finite(entry) for entry in value):
@@ -141,21 +149,21 @@ class Document:
         return float(value)
 
     def array(self, owner: dict[str, Any], key: str, pointer: str) -> list[Any]:
-        """Return the JSON array `owner[key]`, or an empty one if it is missing."""
+        """Return the JSON array `owner[key]`, or an empty array if the key is missing."""
         value = owner.get(key, [])
         if not isinstance(value, list):
             raise self.error("MESH_FILE_INVALID", f"{pointer}/{key}", f"'{key}' is not an array")
         return value
 
     def object(self, owner: dict[str, Any], key: str, pointer: str) -> dict[str, Any]:
-        """Return the JSON object `owner[key]`, or an empty one if it is missing."""
+        """Return the JSON object `owner[key]`, or an empty object if the key is missing."""
         value = owner.get(key, {})
         if not isinstance(value, dict):
             raise self.error("MESH_FILE_INVALID", f"{pointer}/{key}", f"'{key}' is not an object")
         return value
 
     def entry(self, table: str, index: int) -> tuple[dict[str, Any], str]:
-        """Return entry `index` of a top-level array such as "meshes", and its JSON pointer."""
+        """Return entry `index` of a top-level array such as "meshes", and the entry's JSON pointer."""
         pointer = f"/{table}/{index}"
         entries = self.array(self.root, table, "")
         if index >= len(entries) or not isinstance(entries[index], dict):
@@ -171,12 +179,15 @@ class Document:
                 text = "the buffer has no 'uri'; only the first buffer of a GLB may omit it"
                 raise self.error("MESH_FILE_INVALID", pointer, text)
             most = self.integer(entry, "byteLength", pointer, below=MAX_BUFFER)
-            # Read the complete file, because several buffers with different lengths may refer to it.
+            # Read the complete file, because several buffers with different lengths may refer to the same
+            # file.
             self.buffers[index] = memoryview(self.resource(entry, pointer, None))[:most]
         return self.buffers[index]
 
     def resource(self, owner: dict[str, Any], pointer: str, most: int | None) -> bytes:
-        """Return the bytes that `owner["uri"]` refers to; `most` is as in `read_linked_file`."""
+        """Return the bytes that `owner["uri"]` refers to, limited to `most` bytes as in
+        `read_linked_file`.
+        """
         uri, where = owner.get("uri"), f"{pointer}/uri"
         if not isinstance(uri, str):
             raise self.error("MESH_FILE_INVALID", where, "'uri' must be a string")
@@ -201,11 +212,11 @@ class Document:
 
 @dataclass(frozen=True)
 class Accessor:
-    """A validated description of an array (count, width). All its bytes are known to exist.
+    """A validated description of an array (count, width). The file contains all bytes of the array.
 
-    `data` has the bytes of the buffer view, or is None for an array of zeros. The first element begins at
-    byte `start` of `data`. Every further element begins `stride` bytes later. `sparse` has two accessors: the
-    indices of elements to replace, and their new values.
+    The field `data` has the bytes of the buffer view, or is None for an array of zeros. The first element of
+    the array begins at byte `start` of `data`. Each further element of the array begins `stride` bytes later.
+    The field `sparse` has two accessors: the indices of elements to replace, and their new values.
     """
 
     document: Document
@@ -220,7 +231,7 @@ class Accessor:
     sparse: tuple[Accessor, Accessor] | None = None
 
     def read(self) -> NDArray[Any]:
-        """Return the values (count, width) of type `dtype`."""
+        """Return the values (count, width) with the type `dtype`."""
         values: NDArray[Any]
         if self.data is None or not self.count:
             values = np.zeros((self.count, self.width), dtype=self.dtype)
@@ -240,13 +251,13 @@ class Accessor:
 def uses_gaussians(path: Path) -> bool:
     """Return whether a GLB or glTF file names the extension for Gaussian splats.
 
-    Only the bytes of the JSON are searched, which a GLB begins with.
+    Only the JSON at the start of a GLB is searched.
     """
     if path.suffix.lower() not in (".glb", ".gltf"):
         return False
     try:
         head = read_file(path, _SEARCHED)
-    except InputError:  # the reader reports it
+    except InputError:  # The reader reports the error later.
         return False
     end = HEADER.size + CHUNK.size
     is_binary = head.startswith(b"glTF") and len(head) >= end
@@ -269,7 +280,7 @@ def open_document(source: Source) -> Document:
         text = f"the header declares {length} bytes, but the file has {len(data)}"
         raise source.error("MESH_FILE_TRUNCATED", text, pointer="byte 8")
     if length < len(data):
-        text = f"{len(data) - length} bytes follow after the {length} bytes that the header declares"
+        text = f"{len(data) - length} surplus bytes follow after the {length} bytes that the header declares"
         raise source.error("MESH_FILE_INVALID", text, pointer=f"byte {length}")
     chunks = _split_chunks(source)
     if not chunks or chunks[0][0] != b"JSON":
@@ -285,7 +296,7 @@ def open_document(source: Source) -> Document:
 def parse_document(source: Source, text: bytes) -> Document:
     """Return the document of a JSON text.
 
-    Long data URIs are replaced before parsing, so that they do not count for the limit of the JSON.
+    Long data URIs are replaced before parsing, so that the size limit of the JSON does not include them.
     """
     embedded: dict[str, str] = {}
 
@@ -300,10 +311,11 @@ def parse_document(source: Source, text: bytes) -> Document:
 def parse_accessor(
     document: Document, index: int, *, kinds: str, components: str, unpacked: NDArray[Any] | None = None
 ) -> Accessor:
-    """Return accessor `index`, and check that its bytes exist.
+    """Return accessor `index` after checking that its bytes exist.
 
-    `kinds` are the valid element types, such as "VEC3 VEC4", and `components` the valid number types, such as
-    "u1 u2 f4". `unpacked` (count, width) are decompressed values; they replace the buffer view.
+    The argument `kinds` has the allowed element types, such as "VEC3 VEC4". The argument `components` has the
+    allowed number types, such as "u1 u2 f4". The argument `unpacked` (count, width) contains decompressed
+    values that replace the buffer view.
     """
     entry, pointer = document.entry("accessors", index)
     kind = entry.get("type")
@@ -315,8 +327,8 @@ def parse_accessor(
     dtype = _parse_component(document, entry, pointer, components)
     normalized = entry.get("normalized") is True
     if unpacked is not None:
-        # Encoders may store wider integers than the accessor declares. Convert them, and check that their
-        # values stay equal.
+        # Encoders may store wider integers than the accessor declares. Convert the values to the declared
+        # type, and check that the conversion is exact.
         same_kind = (unpacked.dtype.kind == "f") == (dtype.kind == "f")
         values = unpacked.astype(dtype) if same_kind else unpacked[:0]
         if values.shape != (count, width) or not np.array_equal(values, unpacked, equal_nan=True):
@@ -340,7 +352,7 @@ def parse_accessor(
 def _parse_sparse(
     document: Document, entry: dict[str, Any], pointer: str, base: Accessor
 ) -> tuple[Accessor, Accessor]:
-    """Return the accessors of the indices and values that the sparse `entry` replaces in `base`."""
+    """Return the accessors of the indices and values for the sparse replacements in `base`."""
     count = document.integer(entry, "count", pointer, below=base.count + 1)
     indices = document.object(entry, "indices", pointer)
     values = document.object(entry, "values", pointer)
@@ -366,7 +378,7 @@ def _parse_component(document: Document, owner: dict[str, Any], pointer: str, al
 def _locate(
     document: Document, owner: dict[str, Any], pointer: str, count: int, size: int
 ) -> tuple[memoryview, int, int]:
-    """Return the bytes of a buffer view with `count` elements of `size` bytes, and their start and stride."""
+    """Return the bytes, start and stride of a buffer view with `count` elements of `size` bytes."""
     data, view, view_pointer = document.view(document.integer(owner, "bufferView", pointer))
     stride = document.integer(view, "byteStride", view_pointer, default=size)
     if stride < size:
@@ -380,7 +392,7 @@ def _locate(
 
 
 def _split_chunks(source: Source) -> list[tuple[bytes, memoryview]]:
-    """Return type and content of the first two chunks. Only extensions use further chunks."""
+    """Return the types and contents of the first two chunks. Only extensions of GLB use further chunks."""
     chunks: list[tuple[bytes, memoryview]] = []
     at = HEADER.size
     while at < len(source.data) and len(chunks) < 2:
@@ -417,9 +429,10 @@ def _parse_json(source: Source, text: bytes) -> dict[str, Any]:
 
 
 def _measure_nesting(text: bytes) -> int:
-    """Return the nesting depth of objects and arrays in JSON. Brackets in strings do not count.
+    """Return the nesting depth of objects and arrays in the JSON. Brackets inside strings are ignored.
 
-    The function is vectorised, because `msb.base.bounded_parsing` needs ten seconds for `MAX_JSON_BYTES`.
+    The nesting depth is computed with NumPy, because `msb.base.bounded_parsing` would need ten seconds for
+    `MAX_JSON_BYTES`.
     """
     unescaped = text.replace(b"\\\\", b"  ").replace(b'\\"', b"  ")
     marks = np.frombuffer(unescaped, dtype=np.uint8)
@@ -428,13 +441,13 @@ def _measure_nesting(text: bytes) -> int:
 
 
 def _reject_constant(name: str) -> NoReturn:
-    """Reject NaN and Infinity. Python's parser accepts them."""
+    """Reject NaN and Infinity in JSON. Python's parser accepts NaN and Infinity."""
     message = f"{name} is not valid in JSON"
     raise ValueError(message)
 
 
 def _is_finite(value: float) -> bool:
-    """Return whether `value` is finite as float64. A long integer may overflow."""
+    """Return whether `value` is finite as float64. A long integer may overflow in this conversion."""
     try:
         return math.isfinite(value)
     except OverflowError:
@@ -470,8 +483,8 @@ def list_placed_meshes(document: Document, nodes: PlacedNodes) -> Iterator[tuple
 def place_nodes(document: Document) -> PlacedNodes:
     """Return the nodes of the scene.
 
-    The scene is the default scene of the file, else the first one. Without scenes, all nodes are used. A node
-    is hidden if it or an ancestor is not visible (KHR_node_visibility).
+    The scene is the default scene of the file, else the first scene. If the file has no scenes, all nodes are
+    used. A node is hidden if the node itself or one of its ancestors is not visible (KHR_node_visibility).
     """
     roots, nodes = _find_roots(document)
     worlds: dict[int, NDArray[np.float64]] = {}
@@ -499,14 +512,17 @@ def place_nodes(document: Document) -> PlacedNodes:
 
 
 def _is_visible(document: Document, node: dict[str, Any], pointer: str) -> bool:
-    """Return whether a node itself is visible."""
+    """Return whether a node itself is visible. Ancestors are ignored."""
     extensions = document.object(node, "extensions", pointer)
     entry = document.object(extensions, VISIBILITY, f"{pointer}/extensions")
     return entry.get("visible", True) is not False
 
 
 def _find_roots(document: Document) -> tuple[list[int], int | None]:
-    """Return the root nodes and the number of nodes to reach, or None if a scene lists its roots."""
+    """Return the root nodes, and the number of nodes that must be reachable.
+
+    The number is None if a scene lists its roots.
+    """
     count = len(document.array(document.root, "nodes", ""))
     if count > MAX_NODES:
         text = f"there are {count} nodes; at most {MAX_NODES} are supported"
@@ -539,7 +555,7 @@ def _parse_local_transform(document: Document, node: dict[str, Any], pointer: st
         return document.numbers(node, "matrix", pointer, tuple(IDENTITY.ravel())).reshape(4, 4).T
     if not node.keys() & {"translation", "rotation", "scale"}:
         return IDENTITY
-    # Rotation matrix of the quaternion (x, y, z, w). The factor s normalises it.
+    # Rotation matrix of the quaternion (x, y, z, w). The factor s normalises the quaternion.
     x, y, z, w = document.numbers(node, "rotation", pointer, (0, 0, 0, 1))
     with np.errstate(all="ignore"):
         s = 2 / (x * x + y * y + z * z + w * w)
@@ -551,7 +567,7 @@ def _parse_local_transform(document: Document, node: dict[str, Any], pointer: st
             ]
         )
         if not np.isfinite(rotation).all():
-            text = "'rotation' is invalid; it must be a quaternion of length 1"
+            text = "'rotation' is not a quaternion of length 1"
             raise document.error("MESH_FILE_INVALID", f"{pointer}/rotation", text)
         transform = np.eye(4)
         transform[:3, :3] = rotation * document.numbers(node, "scale", pointer, (1, 1, 1))

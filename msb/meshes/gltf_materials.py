@@ -1,4 +1,4 @@
-"""Read the base colours of glTF materials, and name their other properties."""
+"""Reads the base colours of glTF materials, and names other properties of materials."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -20,7 +20,7 @@ _NEAREST_FILTERS = (_NEAREST, 9984, 9986)
 _WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _UNLIT, _TRANSFORM, _WEBP = "KHR_materials_unlit", "KHR_texture_transform", "EXT_texture_webp"
 _GLOSSINESS = "KHR_materials_pbrSpecularGlossiness"
-# Keys of material properties that are not read -> their names.
+# Maps keys of unread material properties to names for messages.
 _OTHERS = {
     "normalTexture": "normal maps",
     "occlusionTexture": "occlusion maps",
@@ -32,10 +32,11 @@ _OTHERS = {
 
 @dataclass(frozen=True)
 class TextureUse:
-    """The use of a texture by a material.
+    """The use of an image by a material.
 
-    `image` is the number of the image. `uv_set` is the number of the set of texture coordinates. `transform`
-    (2, 3) is the matrix to multiply (u, v, 1) with, or None for the identity.
+    The field `image` is the number of the image. The field `uv_set` is the number of the set of texture
+    coordinates. The field `transform` (2, 3) is the matrix that is multiplied with (u, v, 1), or None for the
+    identity.
     """
 
     image: int
@@ -48,8 +49,8 @@ class TextureUse:
 class BaseColor:
     """The base colour of a material is the product of `factor` (RGBA in linear light) and `texture`.
 
-    `cutoff` is the alpha cut-off, or None if alpha has no effect. `is_lost` is set if the material has a
-    texture that cannot be read.
+    The field `cutoff` is the alpha cut-off, or None if alpha is ignored. The field `is_lost` is set if the
+    material has a texture that cannot be read.
     """
 
     factor: tuple[float, ...] = _WHITE
@@ -59,7 +60,7 @@ class BaseColor:
 
 
 def read_base_color(document: Document, primitive: dict[str, Any], pointer: str) -> BaseColor:
-    """Return the base colour of a primitive; white without a material."""
+    """Return the base colour of a primitive. The colour is white without a material."""
     if "material" not in primitive:
         return BaseColor()
     material, where = document.entry("materials", document.integer(primitive, "material", pointer))
@@ -80,11 +81,11 @@ def read_base_color(document: Document, primitive: dict[str, Any], pointer: str)
 def _find_surface(
     document: Document, material: dict[str, Any], pointer: str
 ) -> tuple[dict[str, Any], str, tuple[str, str]]:
-    """Return the object with the colour of a material, its JSON pointer, and the keys of factor and texture.
+    """Return the JSON object of a material's colour, its JSON pointer, and the keys of factor and texture.
 
-    Usually this is the metallic-roughness model. The diffuse colour of the specular-glossiness model is used
-    if the metallic-roughness model has no base colour. It is also used if the former has a texture and the
-    latter only a factor.
+    Usually, the colour of a material is the base colour of the metallic-roughness model. If the
+    metallic-roughness model has no base colour, the diffuse colour of the specular-glossiness model is used.
+    The diffuse colour also takes precedence if it has a texture and the base colour does not.
     """
     surface = document.object(material, "pbrMetallicRoughness", pointer)
     extensions = document.object(material, "extensions", pointer)
@@ -96,7 +97,10 @@ def _find_surface(
 
 
 def _parse_texture_use(document: Document, entry: dict[str, Any], pointer: str) -> TextureUse | None:
-    """Return the use of the texture in a `textureInfo`; None if its image format is unsupported (KTX2)."""
+    """Return the texture that a `textureInfo` describes.
+
+    Return None if its image format is unsupported (KTX2).
+    """
     texture, where = document.entry("textures", document.integer(entry, "index", pointer))
     extensions = document.object(texture, "extensions", where)
     webp = document.object(extensions, _WEBP, f"{where}/extensions")
@@ -127,7 +131,7 @@ def _parse_texture_use(document: Document, entry: dict[str, Any], pointer: str) 
 
 
 def _parse_sampler(entry: dict[str, Any], pointer: str, document: Document) -> Sampler:
-    """Return a sampler. Missing or unknown filters and wrap modes become the defaults."""
+    """Return a sampler. Missing or unknown filters and wrap modes are replaced by the defaults."""
     least = entry.get("minFilter")
     nearest = entry.get("magFilter", least) in _NEAREST_FILTERS
     filter_: Filter = "nearest" if nearest else "linear"
@@ -163,13 +167,19 @@ def read_image_bytes(document: Document, index: int) -> bytes | memoryview:
 
 
 def identify_image(document: Document, index: int) -> Any:
-    """Return a key for the stored data of image `index`. Images with equal keys have the same data."""
+    """Return a key that identifies the stored data of image `index`.
+
+    Images with equal keys have equal data.
+    """
     entry, _ = document.entry("images", index)
     return str(entry["bufferView"]) if "bufferView" in entry else ("uri", str(entry.get("uri")))
 
 
 def list_other_properties(document: Document, primitives: Iterable[dict[str, Any]]) -> Iterator[str]:
-    """Yield the names of material properties other than the base colour. Malformed materials are skipped."""
+    """Yield the names of the properties of materials, except the base colour.
+
+    Malformed materials are skipped.
+    """
     materials = document.root.get("materials")
     for primitive in primitives:
         number = primitive.get("material")

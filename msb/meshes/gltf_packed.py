@@ -1,7 +1,7 @@
-"""Decompress the arrays of glTF files. meshopt compresses buffer views, and Draco compresses primitives.
+"""Decompresses the arrays of glTF files. meshopt compresses buffer views, and Draco compresses primitives.
 
-The decoders are C++ code of other projects. They run in a child process, so that a crash becomes an error
-message. The memory limit of the child is proportional to the declared sizes of the arrays.
+The decoders are C++ code of other projects. The decoders run in a child process, so that a crash becomes an
+error message. The memory limit of the child process is proportional to the declared sizes of the arrays.
 """
 
 import json
@@ -22,34 +22,36 @@ MESHOPT = ("KHR_meshopt_compression", "EXT_meshopt_compression")
 DRACO = "KHR_draco_mesh_compression"
 _MODES = ("ATTRIBUTES", "TRIANGLES", "INDICES")
 _FILTERS = ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")
-# Prefixes of the attributes that are read, and names of those that only explain duplicated vertices. If the
-# latter cannot be decoded, the mesh is read without them.
+# `_READ` has prefixes of attributes that are read. `_EXPLAINING` has attributes that only explain duplicated
+# vertices. Attributes that explain duplicates are optional: if their decoding fails, the mesh is
+# read without them.
 _READ = ("POSITION", "COLOR_0", "TEXCOORD_", "JOINTS_", "WEIGHTS_")
 _EXPLAINING = ("NORMAL", "TANGENT")
 # Time limit of the child process, in seconds.
 _SECONDS = 300
 # Memory limit of the child process: 1 GiB, plus 16 times the size of the decoded arrays.
 _BASE_GIB, _GIB_PER_GIB = 1.0, 16.0
-# The description of a buffer view or Draco primitive to decode, as JSON data.
+# The JSON description of a buffer view or Draco primitive to decode.
 Job = dict[str, Any]
 
 
 def unpack(document: Document, meshes: list[int]) -> None:
-    """Decode the compressed arrays of `meshes` unless the file also has an uncompressed copy.
+    """Decode the compressed arrays of `meshes`, unless the file also contains the uncompressed array.
 
     Decoded buffer views are stored in `document.views`. Attributes and indices of Draco primitives are stored
-    in `document.packed`. Their total size is limited by `document.limit`.
+    in `document.packed`. `document.limit` is the limit of the total size of the decoded arrays.
     """
     jobs = list(_list_jobs(document, meshes))
     if all(job.get("optional") for job in jobs):
         return
-    # Check the declared sizes. Compute the limit after all buffers are read, so that linked files count for
-    # it.
+    # Check the declared sizes of the arrays. Read all buffers before computing the limit, so that the limit
+    # includes linked files.
     total = sum(job["bytes"] for job in jobs)
     document.check_total("the compressed arrays", total)
     modules = sorted({"DracoPy" if job["mode"] == "DRACO" else "meshopt" for job in jobs})
     need_extra("compressed", *modules, what=f"the compressed mesh in {shorten(document.source.path, 200)}")
-    # Concatenate the compressed data of all jobs, and send it with their descriptions to the child process.
+    # Concatenate the compressed data of all jobs, and send the data and the descriptions to the child
+    # process.
     data = [job.pop("data") for job in jobs]
     ends = np.cumsum([len(content) for content in data]).tolist()
     for job, end, content in zip(jobs, ends, data, strict=True):
@@ -70,7 +72,10 @@ def unpack(document: Document, meshes: list[int]) -> None:
 
 
 def unpack_here(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
-    """Decode all jobs in `arrays`. This runs in the child process; it is a `Work` of `msb.base.children`."""
+    """Decode all jobs in `arrays`.
+
+    This function runs in the child process. The function is a `Work` of `msb.base.children`.
+    """
     decoded: dict[str, NDArray[Any]] = {}
     for number, job in enumerate(json.loads(arrays["plan"].tobytes())):
         data = arrays["data"][slice(*job["place"])].tobytes()
@@ -110,9 +115,7 @@ def _decode_draco(job: Job, data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
 
 
 def _list_jobs(document: Document, meshes: list[int]) -> Iterator[Job]:
-    """Yield a job for each compressed primitive, and for each compressed buffer view that other primitives
-    use.
-    """
+    """Yield a job for each compressed primitive, and for each compressed buffer view of other primitives."""
     views: set[int] = set()
     explaining: set[int] = set()
     for mesh in meshes:
@@ -147,7 +150,7 @@ def _list_jobs(document: Document, meshes: list[int]) -> Iterator[Job]:
 def _find_accessor(document: Document, number: Any) -> dict[str, Any]:
     """Return the JSON of accessor `number`.
 
-    It is empty if the accessor does not exist; this is reported later.
+    The JSON is empty if the accessor does not exist. A later check reports this error.
     """
     entries = document.array(document.root, "accessors", "")
     exists = type(number) is int and 0 <= number < len(entries) and isinstance(entries[number], dict)
@@ -165,25 +168,27 @@ def _list_views(document: Document, number: Any) -> set[int]:
 
 
 def _list_meshopt_jobs(document: Document, index: int) -> Iterator[Job]:
-    """Yield the job for view `index` if it is compressed and has no uncompressed copy."""
+    """Yield the job for view `index` if the view is compressed and has no uncompressed copy."""
     view, pointer = document.entry("bufferViews", index)
     extensions = document.object(view, "extensions", pointer)
     name = next((extension for extension in MESHOPT if extension in extensions), None)
     if name is None:
         return
-    # The view has an uncompressed copy if its buffer exists and is not marked as a fallback.
+    # A view has an uncompressed copy if its buffer exists and is not marked as a fallback.
     number = document.integer(view, "buffer", pointer)
     buffer, where = document.entry("buffers", number)
     marks = document.object(document.object(buffer, "extensions", where), name, where)
     if marks.get("fallback") is not True and (number in document.buffers or "uri" in buffer):
         return
-    # Check the description against the rules of the extension.
+    # Check the JSON description against the rules of the extension.
     where = f"{pointer}/extensions/{name}"
     packed = document.object(extensions, name, f"{pointer}/extensions")
     count, stride = (document.integer(packed, key, where) for key in ("count", "byteStride"))
     mode, filter_ = packed.get("mode"), packed.get("filter", "NONE")
     if mode not in _MODES or filter_ not in _FILTERS:
-        text = f"mode {shorten(str(mode))} with filter {shorten(str(filter_))} is not in the extension"
+        text = (
+            f"mode {shorten(str(mode))} with filter {shorten(str(filter_))} does not exist in the extension"
+        )
         raise document.error("MESH_FILE_INVALID", where, text)
     valid = 0 < stride <= 256 and stride % 4 == 0 if mode == "ATTRIBUTES" else stride in (2, 4)
     if not valid or (mode == "TRIANGLES" and count % 3) or (mode != "ATTRIBUTES" and filter_ != "NONE"):
@@ -203,7 +208,10 @@ def _list_meshopt_jobs(document: Document, index: int) -> Iterator[Job]:
 def _make_draco_job(
     document: Document, primitive: dict[str, Any], packed: dict[str, Any], pointer: str
 ) -> Job:
-    """Return the job for a primitive. `packed` is the extension object of the primitive."""
+    """Return the job for a compressed primitive.
+
+    The argument `packed` is the extension object of the primitive.
+    """
     where = f"{pointer}/extensions/{DRACO}"
     data, _, _ = document.view(document.integer(packed, "bufferView", where))
     numbers = document.object(packed, "attributes", where)
@@ -235,7 +243,7 @@ def _make_draco_job(
 
 
 def _store_primitive(document: Document, job: Job, number: int, arrays: Arrays) -> None:
-    """Store the decoded arrays of a primitive after checking their lengths."""
+    """Check the lengths of the decoded arrays of a primitive, and store the arrays."""
     stored = {}
     for name, count in job["counts"].items():
         array = arrays.get(f"{number}.{name}", np.zeros((0, 1)))

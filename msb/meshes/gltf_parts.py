@@ -1,4 +1,7 @@
-"""Read the primitives of glTF meshes. First their descriptions are validated, then their arrays are read."""
+"""Read the primitives of glTF meshes.
+
+The descriptions of primitives are validated first, then their arrays are read.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -16,14 +19,14 @@ from msb.meshes.polygons import fan_triangulate
 
 TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _MODES = 7
-# Bytes that every primitive adds to the estimated size of its arrays. With it, the memory limit also limits
-# the number of primitives.
+# The estimated size of a primitive's arrays includes this number of bytes. Therefore the memory limit also
+# limits the number of primitives.
 _PRIMITIVE_BYTES = 1 << 10
 
 
 @dataclass(frozen=True)
 class Primitive:
-    """The description of a primitive with triangles, and its JSON `entry`."""
+    """The description of a primitive with triangles, and the JSON `entry` of the primitive."""
 
     pointer: str
     entry: dict[str, Any]
@@ -37,12 +40,12 @@ class Primitive:
 
     @property
     def corners(self) -> int:
-        """The number of face corners."""
+        """The number of face corners of the primitive."""
         return self.positions.count if self.indices is None else self.indices.count
 
     @property
     def bytes(self) -> int:
-        """Upper bound of the memory that its arrays need in a `Mesh`, in bytes."""
+        """Upper bound of the memory, in bytes, that the arrays of the primitive need in a `Mesh`."""
         triangles = self.corners // 3 if self.mode == TRIANGLES else self.corners
         colors = 0 if self.colors is None else self.colors.width * 4
         uvs = 0 if self.uvs is None else 8
@@ -51,7 +54,7 @@ class Primitive:
 
 @dataclass(frozen=True)
 class PrimitiveArrays:
-    """The arrays of a primitive: V vertices and F triangles.
+    """The arrays of a primitive, with V vertices and F triangles.
 
     Attributes
     ----------
@@ -66,8 +69,8 @@ class PrimitiveArrays:
     base : BaseColor
         The material.
     keys : (V,) uint32
-        The seam keys: hashes of the attributes that are not read. If no vertex is used twice, every vertex
-        has its own key, because a triangle list cannot share vertices.
+        The seam keys: hashes of the attributes that are not read. A triangle list cannot share vertices.
+        Therefore every vertex gets a separate key if no vertex is used twice.
     """
 
     vertices: NDArray[Any]
@@ -100,7 +103,7 @@ def _parse_primitive(document: Document, entry: dict[str, Any], pointer: str) ->
     unpacked = document.packed.get(pointer, {})
     mode = document.integer(entry, "mode", pointer, default=TRIANGLES)
     if unpacked:
-        mode = TRIANGLES  # Draco decodes triangle strips to triangles
+        mode = TRIANGLES  # The Draco decoder returns strips as triangles.
     positions = parse_accessor(
         document, number, kinds="VEC3", components="i1 u1 i2 u2 f4", unpacked=unpacked.get("POSITION")
     )
@@ -109,7 +112,7 @@ def _parse_primitive(document: Document, entry: dict[str, Any], pointer: str) ->
         number = document.integer(entry, "indices", pointer)
         decoded = unpacked.get("indices")
         indices = parse_accessor(document, number, kinds="SCALAR", components="u1 u2 u4", unpacked=decoded)
-    # Read the UV set that the texture uses. If the set is missing, drop the texture.
+    # Read the UV set that the texture uses. If the UV set is missing, drop the texture.
     base = read_base_color(document, entry, pointer)
     uv_set = 0 if base.texture is None else base.texture.uv_set
     name = f"TEXCOORD_{uv_set}"
@@ -156,9 +159,9 @@ def _parse_unread(
     base: BaseColor,
     unpacked: Mapping[str, NDArray[Any]],
 ) -> tuple[Accessor, ...]:
-    """Return the attributes of `count` vertices that are used only for seam keys.
+    """Return the attributes of `count` vertices that are only used for seam keys.
 
-    Malformed ones are ignored.
+    Malformed attributes are ignored.
     """
     read = {"POSITION", "COLOR_0"}
     if base.texture is not None:
@@ -183,14 +186,14 @@ def _parse_unread(
 
 
 def _hash_unread(primitive: Primitive, corners: NDArray[np.int64]) -> NDArray[np.uint32]:
-    """Return the seam keys (V,) of a primitive; see `PrimitiveArrays`."""
+    """Return the seam keys (V,) of a primitive. See `PrimitiveArrays`."""
     count = primitive.positions.count
     columns: list[NDArray[Any]] = [stored.read() for stored in primitive.unread]
     used = np.zeros(count, bool)
     used[corners[(corners >= 0) & (corners < count)]] = True
     if primitive.mode == TRIANGLES and len(corners) == count and used.all():
         columns = [np.arange(count)]
-    # The number of the primitive is a part of the key, because primitives do not share vertices.
+    # The key includes the number of the primitive, because primitives do not share vertices.
     number = int(primitive.pointer.rpartition("/")[2])
     return hash_attributes([np.full(count, number), *columns])
 
@@ -215,7 +218,7 @@ def read_arrays(primitive: Primitive) -> PrimitiveArrays:
 
 
 def read_numbers(stored: Accessor) -> NDArray[Any]:
-    """Return floats as float32, and integers as float64, scaled to [-1, 1] if they are normalized."""
+    """Return floats as float32, and integers as float64. Normalized integers are scaled to [-1, 1]."""
     values = stored.read()
     if values.dtype.kind == "f":
         return values.astype(np.float32)
@@ -230,16 +233,20 @@ def _assemble_triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int
         return corners.reshape(-1, 3)
     if mode == _FAN:
         return fan_triangulate(corners)
-    # In a strip, every corner forms a triangle with the next two corners. Every second triangle is reversed.
+    # In a triangle strip, every corner forms a triangle with the next two corners. Every second triangle of a
+    # strip is reversed.
     first = np.arange(max(len(corners) - 2, 0))
     odd = first % 2
     return np.stack((corners[first], corners[first + 1 + odd], corners[first + 2 - odd]), axis=1)
 
 
 def transform_arrays(part: PrimitiveArrays, matrix: NDArray[np.float64]) -> PrimitiveArrays:
-    """Return `part` transformed by `matrix` (4, 4). The identity changes nothing, not even the type.
+    """Return `part` transformed by `matrix` (4, 4).
 
-    A mirroring transform turns faces inside out. Their winding is reversed to restore the front sides.
+    The identity matrix changes nothing, not even the number type.
+
+    A mirroring transform turns the front sides of faces inwards. If a transform mirrors the mesh, the winding
+    is reversed to restore the front sides.
     """
     if np.array_equal(matrix, IDENTITY):
         return part

@@ -1,4 +1,4 @@
-"""Apply the stored pose of a glTF scene: morph targets with their weights, and skins with their joints."""
+"""Applies the stored pose of a glTF scene: morph targets with their weights, and skins with their joints."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -10,7 +10,7 @@ from msb.errors import MeshFileError, shorten
 from msb.meshes.gltf import Document, PlacedMesh, parse_accessor, parse_node_numbers
 from msb.meshes.gltf_parts import Primitive, PrimitiveArrays, read_numbers, transform_arrays
 
-# Bytes per vertex that a morph target and a skin need while they are applied.
+# Number of bytes per vertex that a morph target and a skin need while they are applied.
 _TARGET_BYTES, _SKIN_BYTES = 24, 256
 _COMPONENTS = "i1 u1 i2 u2 f4"
 Floats = NDArray[np.float64]
@@ -25,7 +25,7 @@ class Poses:
     worlds : dict
         The world transforms (4, 4) by node number.
     left_out : dict
-        The names of the parts of poses that cannot be read.
+        The names of pose data that cannot be read.
     is_skinned : bool
         Whether a skin has been applied.
     """
@@ -37,15 +37,15 @@ class Poses:
     _joints: dict[Any, Floats | None] = field(default_factory=dict)
 
     def count_bytes(self, primitive: Primitive, placed: PlacedMesh) -> int:
-        """Return the memory for the pose of a primitive in bytes."""
+        """Return the memory in bytes that the pose of a primitive needs."""
         targets = _TARGET_BYTES * len(self._list_weights(primitive, placed))
         return primitive.positions.count * (targets + _SKIN_BYTES * _has_skin(primitive, placed))
 
     def apply(self, part: PrimitiveArrays, primitive: Primitive, placed: PlacedMesh) -> PrimitiveArrays:
         """Return `part`, the arrays of `primitive`, in world coordinates.
 
-        The transform of a node does not apply to a mesh with a skin. If the skin cannot be read, such a mesh
-        is returned as stored.
+        The transform of a node does not affect a mesh with a skin. If the skin cannot be read, the mesh is
+        returned without its pose.
         """
         try:
             part = self._morph(part, primitive, placed)
@@ -61,7 +61,7 @@ class Poses:
             return part
 
     def _list_weights(self, primitive: Primitive, placed: PlacedMesh) -> dict[int, float]:
-        """Return the weights other than 0 of the morph targets of a primitive, by number."""
+        """Return the non-zero weights of the morph targets of a primitive, by number."""
         owner, _ = self.document.entry("meshes", placed.mesh)
         weights = placed.node.get("weights", owner.get("weights"))
         targets = primitive.entry.get("targets")
@@ -73,7 +73,7 @@ class Poses:
     def _morph(self, part: PrimitiveArrays, primitive: Primitive, placed: PlacedMesh) -> PrimitiveArrays:
         """Return `part` with the displacements of its morph targets added.
 
-        They are multiplied with their weights.
+        Each displacement is multiplied with the weight of its morph target.
         """
         vertices = part.vertices
         for number, weight in self._list_weights(primitive, placed).items():
@@ -85,7 +85,7 @@ class Poses:
         return part if vertices is part.vertices else replace(part, vertices=vertices.astype(np.float64))
 
     def _skin(self, part: PrimitiveArrays, primitive: Primitive, joints: Floats) -> PrimitiveArrays:
-        """Return `part` moved by the matrices `joints` (J, 3, 4), blended with the weights of each vertex."""
+        """Return `part` with each vertex moved by its weighted average of the matrices `joints` (J, 3, 4)."""
         numbers, weights = self._read_weights(primitive, len(joints))
         # blended (V, 3, 4): the matrix of each vertex.
         blended = np.zeros((len(part.vertices), 3, 4))
@@ -97,12 +97,15 @@ class Poses:
         x, y, z = part.vertices.astype(np.float64).T[:, :, None]
         with np.errstate(over="ignore", invalid="ignore"):
             vertices = blended[..., 0] * x + blended[..., 1] * y + blended[..., 2] * z + blended[..., 3]
-            # Mirroring matrices turn faces inside out.
+            # Mirroring matrices turn the front sides of faces inwards.
             is_mirrored = np.median(np.linalg.det(blended[..., :3])) < 0 if len(blended) else False
         return replace(part, vertices=vertices, faces=part.faces[:, [0, 2, 1]] if is_mirrored else part.faces)
 
     def _read_weights(self, primitive: Primitive, joints: int) -> tuple[NDArray[np.int64], Floats]:
-        """Return the joints (V, K) of each vertex and their weights (V, K), which add up to 1."""
+        """Return the joints (V, K) of each vertex, and their weights (V, K).
+
+        The weights of a vertex add up to 1.
+        """
         attributes, where = primitive.entry["attributes"], f"{primitive.pointer}/attributes"
         numbers, weights, number = [], [], 0
         while {f"JOINTS_{number}", f"WEIGHTS_{number}"} <= attributes.keys():
@@ -125,7 +128,10 @@ class Poses:
     def _read_attribute(
         self, attributes: dict[str, Any], name: str, where: str, primitive: Primitive, kind: tuple[str, str]
     ) -> NDArray[Any]:
-        """Return the numbers (V, K) of an attribute. `kind` has the valid element types and number types."""
+        """Return the values (V, K) of an attribute.
+
+        The argument `kind` has the allowed element types and number types.
+        """
         unpacked = self.document.packed.get(primitive.pointer, {}).get(name)
         number = self.document.integer(attributes, name, where)
         stored = parse_accessor(self.document, number, kinds=kind[0], components=kind[1], unpacked=unpacked)
@@ -135,7 +141,7 @@ class Poses:
         return read_numbers(stored)
 
     def _find_joints(self, skin: Any) -> Floats | None:
-        """Return the matrices of a skin, read once, or None if they cannot be read."""
+        """Return the matrices of a skin, or None if the skin cannot be read. Each skin is read only once."""
         if str(skin) not in self._joints:
             try:
                 self._joints[str(skin)] = self._read_joints(skin)
@@ -145,7 +151,10 @@ class Poses:
         return self._joints[str(skin)]
 
     def _read_joints(self, skin: Any) -> Floats:
-        """Return the matrices (J, 3, 4) of a skin. They map the bind pose to the pose of the joints."""
+        """Return the matrices (J, 3, 4) of a skin.
+
+        The matrices of a skin map the bind pose to the pose of the joints.
+        """
         document = self.document
         entry, where = document.entry("skins", document.integer({"skin": skin}, "skin", ""))
         joints = parse_node_numbers(document, entry, "joints", where)
@@ -161,7 +170,7 @@ class Poses:
             if stored.count < len(joints):
                 text = f"there are {stored.count} inverse bind matrices for {len(joints)} joints"
                 raise document.error("MESH_FILE_INVALID", f"{where}/inverseBindMatrices", text)
-            # Matrices are stored by columns.
+            # glTF stores matrices column by column.
             inverse = stored.read()[: len(joints)].reshape(-1, 4, 4).swapaxes(1, 2).astype(np.float64)
             with np.errstate(over="ignore", invalid="ignore"):
                 placed = placed @ inverse
@@ -169,6 +178,6 @@ class Poses:
 
 
 def _has_skin(primitive: Primitive, placed: PlacedMesh) -> bool:
-    """Return whether joints, instead of the node, move the vertices of a primitive."""
+    """Return whether a primitive is moved by the joints of a skin instead of its node."""
     attributes = primitive.entry.get("attributes", {})
     return "skin" in placed.node and {"JOINTS_0", "WEIGHTS_0"} <= attributes.keys()

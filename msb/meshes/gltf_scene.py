@@ -1,6 +1,6 @@
-"""glTF 2.0: read the default scene of a file as one mesh with colours and textures.
+"""Reads the default scene of a glTF 2.0 file as one mesh with colours and textures.
 
-GLB (one binary file) is read and written. glTF as JSON, with embedded or linked buffers and images, is only
+GLB (one binary file) is read and written. glTF in JSON, with embedded or linked buffers and images, is only
 read.
 """
 
@@ -41,7 +41,7 @@ from msb.meshes.placement import KEY, take_back
 from msb.meshes.polygons import join_faces
 from msb.meshes.source import Source
 
-# Prefixes of extensions that a file may require. These extensions are supported, or do not change the
+# Prefixes of extensions that a file may require. Allowed extensions are either supported or do not change the
 # geometry.
 _HARMLESS = (
     "KHR_materials_",
@@ -64,11 +64,11 @@ _HARMLESS = (
     "MSFT_packing_",
     "CESIUM_primitive_outline",
 )
-# The parts of a file that only change how a mesh looks or moves. An extension that is used only in these
-# parts is harmless, whatever its name.
+# The parts of a file that only affect the appearance or movement of a mesh. An unknown extension is harmless
+# if only these parts use the extension.
 _LOOKS = ("materials", "textures", "images", "samplers", "animations", "cameras")
 
-# Names in messages of the attributes that are not read; the keys have no set number.
+# Names of unread attributes for messages. The keys omit the set number.
 _ATTRIBUTES = {
     "NORMAL": "normals",
     "TANGENT": "tangents",
@@ -80,17 +80,17 @@ _ATTRIBUTES = {
 # The extension for instances of a node. If a file uses this extension but does not require it, the file is
 # read without instances.
 _INSTANCES = "EXT_mesh_gpu_instancing"
-# The white texture of faces without a texture, if other faces have one.
+# The white texture for faces without a texture, if other faces have a texture.
 _PLAIN = np.full((1, 1, 3), 255, np.uint8)
 _BEGINS = re.compile(rb"\s*\{")
 
 
 def read_scene(document: Document) -> Mesh:
-    """Return the triangles of the default scene. The primitives follow each other in the order of nodes.
+    """Return the triangles of the default scene. The primitives are stored in the order of their nodes.
 
     Vertices are float32, or float64 if a node has a transform. Primitives do not share vertices. If only some
-    primitives have colours, the others are white, as the format defines. An index that is invalid in its
-    primitive is also invalid in the returned mesh.
+    primitives have colours, the other primitives are white, as the format defines. An index that is invalid
+    in its primitive is also invalid in the returned mesh.
     """
     _check_extensions(document)
     nodes = place_nodes(document)
@@ -99,7 +99,7 @@ def read_scene(document: Document) -> Mesh:
     used = list(dict.fromkeys(entry.mesh for entry in placed))
     poses = Poses(document, nodes.worlds)
     unpack(document, used)
-    # Check all descriptions and the total size before any array is read.
+    # Check all descriptions and the total size of the arrays before any array is read.
     primitives = {mesh: parse_primitives(document, mesh) for mesh in used}
     sizes = {mesh: sum(primitive.bytes for primitive in primitives[mesh]) for mesh in primitives}
     total = sum(
@@ -143,12 +143,18 @@ def _check_extensions(document: Document) -> None:
     places = _list_extended_parts(document)
     for name in unknown:
         if not places.get(name, {""}) <= set(_LOOKS):
-            text = f"the required extension {shorten(str(name))} is not supported; export without it"
+            text = (
+                f"the required extension {shorten(str(name))} is not supported; export the file without "
+                "this extension"
+            )
             raise document.error("MESH_FILE_UNSUPPORTED", "/extensionsRequired", text)
 
 
 def _list_extended_parts(document: Document) -> dict[str, set[str]]:
-    """Return for each extension the keys of the root object under which it is used; "" is the root itself."""
+    """For each extension, return the keys of the root object whose values use the extension.
+
+    The key "" means the root object itself.
+    """
     places: dict[str, set[str]] = {}
     waiting: list[tuple[str, Any]] = [("", document.root)]
     while waiting:
@@ -164,9 +170,9 @@ def _list_extended_parts(document: Document) -> dict[str, set[str]]:
 
 
 def _find_cutoff(parts: list[PrimitiveArrays]) -> float | None:
-    """Return the alpha cut-off of the mesh: the smallest of all materials, or None without textures.
+    """Return the alpha cut-off of the mesh, which is the smallest cut-off of all materials.
 
-    `_combine_colors` scales alpha values to this cut-off.
+    Return None without textures. `_combine_colors` scales alpha values to this cut-off.
     """
     cutoffs = [part.base.cutoff for part in parts if part.base.cutoff is not None]
     is_textured = any(part.base.texture for part in parts)
@@ -174,10 +180,10 @@ def _find_cutoff(parts: list[PrimitiveArrays]) -> float | None:
 
 
 def _identify_texture(document: Document, part: PrimitiveArrays, cutoff: float | None) -> Any:
-    """Return a key for the texture of a part; None without one.
+    """Return a key for the texture of a part. Return None without a texture.
 
-    An image may be used both with and without an alpha cut-off. It then becomes two textures, because only
-    one of them keeps the alpha channel.
+    An image may be used both with and without an alpha cut-off. An image with both uses becomes two textures,
+    because only one texture keeps the alpha channel.
     """
     if part.base.texture is None:
         return None
@@ -188,10 +194,10 @@ def _identify_texture(document: Document, part: PrimitiveArrays, cutoff: float |
 def _decode_images(
     document: Document, parts: list[PrimitiveArrays]
 ) -> tuple[list[PrimitiveArrays], dict[Any, NDArray[np.uint8]], dict[str, None]]:
-    """Return the parts, the texels of their textures by key, and the names of images that cannot be read.
+    """Return the parts, the texels of their textures by key, and the names of unreadable images.
 
-    A part whose image cannot be read has no texture in the result. If the source is read without images, none
-    is decoded.
+    A part whose image cannot be read has no texture in the result. If the source is read without images, no
+    image is decoded.
     """
     cutoff = _find_cutoff(parts)
     keys = [_identify_texture(document, part, cutoff) for part in parts]
@@ -221,7 +227,7 @@ def _decode_images(
 def _join_parts(
     document: Document, parts: list[PrimitiveArrays], images: dict[Any, NDArray[np.uint8]]
 ) -> Mesh:
-    """Return the concatenation of all parts as a mesh; `images` are the texels of their textures."""
+    """Concatenate all parts to a mesh. The argument `images` has the texels of their textures."""
     uvs = None
     if any(part.uvs is not None for part in parts):
         blank = [
@@ -243,7 +249,7 @@ def _join_parts(
 def _with_textures(
     mesh: Mesh, document: Document, parts: list[PrimitiveArrays], images: dict[Any, NDArray[np.uint8]]
 ) -> Mesh:
-    """Return `mesh` with the distinct textures of its parts, and the sampler of the first one.
+    """Return `mesh` with the distinct textures of its parts, and the sampler of the first texture.
 
     If the source is read without images, only `face_textures` is set.
     """
@@ -262,23 +268,24 @@ def _with_textures(
 
 
 def _has_srgb_colors(document: Document) -> bool:
-    """Return whether vertex colours are marked as sRGB, as in files written with `--color srgb`."""
+    """Return whether vertex colours are marked as sRGB, as in files that `--color srgb` wrote."""
     asset = document.root.get("asset")
     extras = asset.get("extras") if isinstance(asset, dict) else None
     return isinstance(extras, dict) and extras.get("color_space") == "srgb"
 
 
 def _combine_colors(part: PrimitiveArrays, cutoff: float | None, is_srgb: bool) -> NDArray[Any] | None:
-    """Return the sRGB colours (V, 3 | 4) of a part: vertex colours times the base factor, or None for white.
+    """Return the sRGB colours (V, 3 | 4) of a part, multiplied with the base factor.
 
-    `cutoff` is the alpha cut-off of the mesh. If the part has another cut-off, alpha is scaled by the ratio
-    of the two. If the part has no cut-off, alpha is 1. Without a `cutoff`, alpha is kept as stored and has no
-    effect.
+    Return None if all colours are white. The argument `cutoff` is the alpha cut-off of the mesh. If the part
+    has a different cut-off, alpha is scaled by the ratio of the two cut-offs. If the part has no cut-off,
+    alpha is
+    1. If `cutoff` is None, alpha is returned unchanged, and renderers ignore it.
     """
     factor, part_cutoff = np.array(part.base.factor, np.float32), part.base.cutoff
     if cutoff is None or part_cutoff is None:
         factor[3] = 1
-    else:  # in float64: the cut-offs may be too small or too large for float32
+    else:  # Cut-offs may exceed the range of float32, so use float64.
         factor[3] = part.base.factor[3] * (cutoff / part_cutoff)
     colors = part.colors
     if colors is None:
@@ -295,7 +302,7 @@ def _combine_colors(part: PrimitiveArrays, cutoff: float | None, is_srgb: bool) 
 
 
 def _join_colors(colors: list[NDArray[Any] | None], parts: list[PrimitiveArrays]) -> NDArray[Any] | None:
-    """Return the concatenated colours (V, 3 | 4) in the widest type and width; None if all are white."""
+    """Concatenate the colours (V, 3 | 4) in the widest type and width. Return None if all are white."""
     stored = [rows for rows in colors if rows is not None]
     if not stored:
         return None
@@ -310,9 +317,9 @@ def _join_colors(colors: list[NDArray[Any] | None], parts: list[PrimitiveArrays]
 
 
 def _list_left_out(document: Document, meshes: Iterable[int], colors: list[BaseColor]) -> dict[str, None]:
-    """Return the names of all data that is not read, in the `meshes` of the scene and in the file.
+    """Return names of all unread data in the file and in the given `meshes`.
 
-    Malformed entries are skipped, because they are not read anyway.
+    Malformed entries of the JSON are skipped, because the reader does not use them.
     """
     parts: dict[str, None] = {}
     textures = [color.texture for color in colors if color.texture is not None]
@@ -322,7 +329,7 @@ def _list_left_out(document: Document, meshes: Iterable[int], colors: list[BaseC
         for mesh in meshes
         for primitive in _filter_objects(document.entry("meshes", mesh)[0].get("primitives"))
     ]
-    # Attributes and morph targets of the primitives.
+    # Names of attributes and morph targets of the primitives.
     for primitive in primitives:
         for name in _list_keys(primitive.get("attributes")):
             word = str(name).partition("_")[0]
@@ -331,7 +338,7 @@ def _list_left_out(document: Document, meshes: Iterable[int], colors: list[BaseC
                 parts[title or "further attributes"] = None
         if primitive.get("targets"):
             parts["morph targets"] = None
-    # Properties of the materials.
+    # Names of material properties.
     if any(color.is_lost for color in colors):
         parts["textures without UVs or in formats other than PNG, JPEG and WebP"] = None
     if not textures and any(color.cutoff is not None for color in colors):
@@ -350,12 +357,12 @@ def _list_left_out(document: Document, meshes: Iterable[int], colors: list[BaseC
 
 
 def _filter_objects(entries: Any) -> list[dict[str, Any]]:
-    """Return the objects in the JSON array `entries`; an empty list for other values."""
+    """Return the objects in the JSON array `entries`. For other values, return an empty list."""
     return [entry for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
 
 
 def _list_keys(entry: Any) -> list[Any]:
-    """Return the keys of the JSON object `entry`; an empty list for other values."""
+    """Return the keys of the JSON object `entry`. For other values, return an empty list."""
     return list(entry) if isinstance(entry, dict) else []
 
 

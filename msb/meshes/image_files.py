@@ -1,4 +1,4 @@
-"""Encode textures as image files."""
+"""Encodes textures as image files."""
 
 import re
 from collections.abc import Iterable
@@ -12,8 +12,8 @@ from msb.asset.texture import Sampler
 from msb.meshes.formats import Picture, Style
 from msb.meshes.mesh import Mesh
 
-# Pillow's encoder options. The qualities are high. Lower qualities save space, but cause block artefacts and
-# colour bleeding.
+# Pillow's encoder options. The qualities of JPEG and WebP are high. Lower qualities would save space, but
+# cause block artefacts and colour bleeding.
 _OPTIONS: dict[Picture, dict[str, Any]] = {
     "png": {},
     "jpeg": {"quality": 95, "subsampling": 0},
@@ -23,7 +23,7 @@ ENDINGS: dict[Picture, str] = {"png": ".png", "jpeg": ".jpg", "webp": ".webp"}
 
 
 def name_images(mesh: Mesh, style: Style) -> list[str]:
-    """Return the file names of a mesh's images: the style's stem, numbered if there are several."""
+    """Return the file names of a mesh's images: the style's stem, with a number if there are several."""
     several, stem = len(mesh.textures) > 1, simplify_stem(style)
     kinds = [_choose_kind(image, style.texture, mesh.sampler) for image in mesh.textures]
     numbers = [f"_{number}" if several else "" for number in range(len(kinds))]
@@ -42,27 +42,28 @@ def encode_images(mesh: Mesh, style: Style, numbers: Iterable[int]) -> dict[str,
 def is_single_texel(image: NDArray[np.uint8], mesh: Mesh) -> bool:
     """Return whether a texture of `mesh` is a single opaque texel.
 
-    A material colour replaces such a texture.
+    A material colour can replace a texture with a single texel.
     """
     is_opaque = image.shape[2] == 3 or mesh.sampler.alpha_cutoff is None or image[0, 0, 3] == 255
     return image.shape[:2] == (1, 1) and bool(is_opaque)
 
 
 def describe_counts(images: int, colors: int) -> list[str]:
-    """Return the numbers of images and material colours of a file in words. Numbers of 0 are omitted."""
+    """Return the numbers of images and material colours as text. Zero numbers are omitted."""
     counts = {"texture": images, "material colour": colors}
     return [f"{count} {noun}{'' if count == 1 else 's'}" for noun, count in counts.items() if count]
 
 
 def simplify_stem(style: Style) -> str:
-    """Return the style's stem with "_" for characters that OBJ and MTL files cannot hold, such as spaces."""
+    """Return the style's stem with "_" in place of characters that OBJ and MTL cannot store."""
     return re.sub(r"[^\w.()+-]", "_", style.stem or "texture")
 
 
 def encode_image(image: NDArray[np.uint8], kind: Picture, sampler: Sampler) -> tuple[bytes, Picture]:
-    """Return `image` (H, W, 3 | 4) as an image file, and the format used: PNG if JPEG would lose alpha.
+    """Return `image` (H, W, 3 | 4) as an image file, and the format.
 
-    PNG keeps all channels. JPEG and WebP drop alpha if the sampler has no alpha cut-off.
+    The format is PNG if JPEG would lose alpha. PNG keeps all channels. JPEG and WebP drop alpha if the
+    sampler has no alpha cut-off.
     """
     from PIL import Image
 

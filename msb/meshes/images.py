@@ -1,4 +1,7 @@
-"""Decode texture images from untrusted files. The size in the header is checked before decoding."""
+"""Decodes texture images from files that are not trusted.
+
+The image size in the header is checked before decoding.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +27,13 @@ MAX_FILE = 1 << 30
 MAX_BYTES_PER_BYTE = 1 << 10
 MAX_EXTRA_BYTES = 1 << 28
 MAX_BYTES = 1 << 32
-# Maximum number of scans of a progressive JPEG. The decoder passes over all texels for every scan. Encoders
-# write about ten scans.
+# Maximum number of scans of a progressive JPEG. The decoder processes all texels again for every scan. Usual
+# encoders write about ten scans.
 _MAX_SCANS = 100
 
 
 class Decoder:
-    """Decoder for the images of one mesh, which share a memory allowance."""
+    """Decoder for the images of one mesh, which share one memory limit."""
 
     def __init__(self) -> None:
         self._left = MAX_EXTRA_BYTES
@@ -39,24 +42,24 @@ class Decoder:
     def decode(self, data: bytes | memoryview, *, alpha: bool) -> NDArray[np.uint8]:
         """Return the texels (H, W, 3) of a PNG, JPEG or WebP file.
 
-        With `alpha`, an alpha channel is kept: (H, W, 4).
+        With `alpha`, an alpha channel is kept as (H, W, 4).
 
         Raises
         ------
         MeshFileError
-            Without a file name. MESH_FILE_INVALID: the image is damaged or has another format.
-            MESH_FILE_TOO_LARGE: it exceeds the size limit or the memory allowance.
+            The error has no file name. MESH_FILE_INVALID: the image is damaged or has another format.
+            MESH_FILE_TOO_LARGE: the image exceeds the size limit or the memory limit.
         """
         from PIL import Image, JpegImagePlugin, PngImagePlugin, UnidentifiedImageError, WebPImagePlugin
 
-        # Import these three plugins, so that Pillow does not import all of its plugins.
+        # Importing only three plugins prevents Pillow from importing all its plugins.
         plugins = PngImagePlugin.PngImageFile, JpegImagePlugin.JpegImageFile, WebPImagePlugin.WebPImageFile
-        limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # `_take` checks the size
+        limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # `_take` checks the image size.
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # about unusual metadata
                 if canvas := _read_webp_size(data):
-                    self._take(canvas, 8, len(data))  # Pillow allocates two canvases when it opens a WebP
+                    self._take(canvas, 8, len(data))  # Pillow allocates two canvases for a WebP file.
                 elif bytes(data[:2]) == b"\xff\xd8" and bytes(data).count(b"\xff\xda") > _MAX_SCANS:
                     text = f"the JPEG has more than {_MAX_SCANS} scans; save it as a baseline JPEG"
                     raise MeshFileError("MESH_FILE_TOO_LARGE", text)
@@ -70,18 +73,19 @@ class Decoder:
             text = "not enough memory to decode the image"
             raise MeshFileError("MESH_FILE_TOO_LARGE", text) from None
         except UnidentifiedImageError:
-            text = "it is not a PNG, JPEG or WebP image, or its header is damaged"
+            text = "the file is not a PNG, JPEG or WebP image, or its header is damaged"
             raise MeshFileError("MESH_FILE_INVALID", text) from None
-        except Exception as error:  # decoders raise many exception types for damaged files
+        except Exception as error:  # Decoders raise many exception types for damaged files.
             text = f"the image cannot be decoded: {library_reason(error)}"
             raise MeshFileError("MESH_FILE_INVALID", text) from None
         finally:
             Image.MAX_IMAGE_PIXELS = limit
 
     def _take(self, size: tuple[int, int], width: int, stored: int) -> None:
-        """Reserve memory for an image of `size` (width, height) and `width` bytes per texel.
+        """Reserve memory for an image.
 
-        The file has `stored` bytes. Raise MESH_FILE_TOO_LARGE if the allowance is exceeded.
+        The argument `size` is the (width, height) of the image. A texel has `width` bytes. The image file has
+        `stored` bytes. Raise MESH_FILE_TOO_LARGE if the memory limit is exceeded.
         """
         if not 0 < min(size) <= max(size) <= MAX_SIDE:
             text = f"the image is {size[0]} x {size[1]}; at most {MAX_SIDE} texels a side are supported"
@@ -96,13 +100,13 @@ class Decoder:
 
 
 def describe_lost_image(name: str, reason: str) -> str:
-    """Return the entry of `Mesh.left_out` for an image that cannot be read."""
+    """Return the entry in `Mesh.left_out` for an image that cannot be read."""
     return f"image {shorten(name, 60)} ({shorten(reason, 200)}; its faces have no texture)"
 
 
 def _read_texels(image: Image.Image, *, alpha: bool) -> NDArray[np.uint8]:
     """Return the texels (H, W, 3 | 4) of an opened image as uint8."""
-    if image.mode.startswith("I"):  # 16-bit grey: Pillow would clip values at 255 instead of scaling them
+    if image.mode.startswith("I"):  # Pillow would clip 16-bit grey values instead of scaling them.
         grey = (np.asarray(image, np.uint32) * 255 + 32767) // 65535
         return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
     has_alpha = image.mode in ("LA", "PA", "RGBA") or "transparency" in image.info
@@ -113,7 +117,7 @@ def _read_texels(image: Image.Image, *, alpha: bool) -> NDArray[np.uint8]:
 def _read_webp_size(data: bytes | memoryview) -> tuple[int, int] | None:
     """Return width and height of a WebP file (RFC 9649), or None for other files.
 
-    The size must be checked first, because Pillow allocates the canvas when it opens a file.
+    The size must be checked before Pillow opens the file, because Pillow then allocates the canvas.
     """
     head = bytes(data[:30]).ljust(30, b"\0")
     if head[:4] != b"RIFF" or head[8:12] != b"WEBP":

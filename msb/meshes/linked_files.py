@@ -1,4 +1,7 @@
-"""Files that a mesh file links to, in its folder or below, and data that is embedded in URIs."""
+"""Reads files that a mesh file links to, and data that is embedded in URIs.
+
+The linked files must be in the mesh file's folder or below.
+"""
 
 import base64
 import os
@@ -13,14 +16,15 @@ from msb.meshes.source import Source
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 _EMBEDDED = re.compile(r"data:[^,]{0,200},", re.IGNORECASE)
-# The bytes read, by the path of the file and the largest requested number of bytes.
+# The bytes of the linked files that were read. A key has the path and the largest number of bytes.
 Files = dict[tuple[Path, int | None], bytes]
 
 
 def read_uri(source: Source, uri: str, pointer: str, most: int | None, files: Files) -> bytes:
     """Return the bytes that a glTF `uri` refers to: embedded data (RFC 2397), or a linked file.
 
-    `most` limits the number of bytes; see `read_linked_file`. `files` caches the linked files that were read.
+    The argument `most` limits the number of bytes. See `read_linked_file`. The argument `files` caches the
+    linked files that were read.
     """
     embedded = _EMBEDDED.match(uri)
     if embedded is not None:
@@ -28,7 +32,7 @@ def read_uri(source: Source, uri: str, pointer: str, most: int | None, files: Fi
             data = unquote_to_bytes(uri[embedded.end() :])
             is_base64 = embedded[0].lower().endswith(";base64,")
             return base64.b64decode(data, validate=True) if is_base64 else data
-        except ValueError:  # lone surrogates also raise this error
+        except ValueError:  # Lone surrogates also raise this error.
             raise source.error("MESH_FILE_INVALID", "the data is not valid base64", pointer=pointer) from None
     name = unquote(uri)
     key = resolve_linked_path(source, name, pointer), most
@@ -40,7 +44,7 @@ def read_uri(source: Source, uri: str, pointer: str, most: int | None, files: Fi
 def read_linked_file(source: Source, name: str, pointer: str, most: int | None) -> bytes:
     """Return the content of the file `name` in the folder of a mesh file.
 
-    If the file is longer than `most` bytes, its first `most` + 1 bytes are returned; None means no limit.
+    If the file is longer than `most` bytes, only `most` + 1 bytes are returned. The value None sets no limit.
     """
     place = resolve_linked_path(source, name, pointer)
     try:
@@ -51,7 +55,9 @@ def read_linked_file(source: Source, name: str, pointer: str, most: int | None) 
 
 
 def resolve_linked_path(source: Source, name: str, pointer: str) -> Path:
-    """Return the resolved path of the file `name` in the folder of a mesh file. The file need not exist.
+    """Return the resolved path of the file `name` in the folder of a mesh file.
+
+    The file does not have to exist.
 
     Names that leave the folder are rejected: absolute paths, URLs, "..", and links to other folders.
     """
@@ -68,7 +74,10 @@ def resolve_linked_path(source: Source, name: str, pointer: str) -> Path:
 
 
 def _explain_invalid_name(name: str) -> str | None:
-    """Return why `name` cannot be a file in the folder or below it, or None if it can."""
+    """Return the reason why `name` cannot be a file in the folder or below.
+
+    Return None if the name is valid.
+    """
     if not name or "\0" in name or has_lone_surrogate(name):
         return "is not a file name"
     if _SCHEME.match(name):

@@ -1,4 +1,4 @@
-"""Describe the information that is lost when a mesh is written to a file."""
+"""Describes the information that is lost when a mesh is written to a file."""
 
 from collections.abc import Iterator, Sequence
 
@@ -11,35 +11,35 @@ from msb.base.origin import NO_ORIGIN, describe_origin, find_origin, round_coord
 from msb.meshes.formats import FORMATS
 from msb.meshes.mesh import Mesh, describe_rounding
 
-# Asset buffer that no mesh format can store -> its description.
+# Maps asset buffers that no mesh format can store to descriptions.
 _UNWRITTEN = {"opacity": "opacity", "sigma": "soft edges (sigma)"}
 
 
-# Formats that are written without a comment.
+# Formats that cause no note about losses.
 _WITHOUT_COMMENTS = (".stl", ".off")
 
 
 def list_dropped_features(asset: Asset) -> list[str]:
-    """Return descriptions of everything in `asset` that its standard-tier mesh lacks."""
+    """Return descriptions of all data in `asset` that its standard-tier mesh does not contain."""
     manifest, beyond = asset.manifest, []
     if manifest.sh_degree:
         beyond.append(f"view-dependent colours (SH degree {manifest.sh_degree})")
     beyond += [what for name, what in _UNWRITTEN.items() if name in asset.buffers]
     visible = select_faces(asset, stored_threshold(asset))
     if visible is not None:
-        beyond.append(f"{manifest.face_count - len(visible):,} faces below the STE threshold")
+        beyond.append(f"{manifest.face_count - len(visible):,} faces with an opacity below the STE threshold")
     return beyond
 
 
 def explain_split(suffix: str) -> str:
-    """Return why files of `suffix` split merged vertices, and the formats that do not split them."""
+    """Return the reason why files of `suffix` split merged vertices, and formats that do not."""
     soup = FORMATS[suffix].is_soup
     reason = "stores separate vertices for every face" if soup else "cannot store face colours"
     return f"{suffix} {reason}; use {_list_face_color_formats()} to keep vertices merged"
 
 
 def _list_face_color_formats() -> str:
-    """Return the suffixes of formats with face colours, as a list in words."""
+    """Return the suffixes of formats with face colours, as text."""
     names = [name for name, form in FORMATS.items() if "face_colors" in form.keeps and form.write]
     return f"{', '.join(names)} or .triasset"
 
@@ -47,15 +47,18 @@ def _list_face_color_formats() -> str:
 def list_losses(
     mesh: Mesh, written: Mesh, suffix: str, left_out: Sequence[str], image_loss: str = ""
 ) -> Iterator[str]:
-    """Yield a note for each loss between `mesh` and `written`, the mesh that a file of `suffix` stores.
+    """Yield a note for each loss between `mesh` and `written`, the mesh in a file of `suffix`.
 
-    `left_out` lists parts of the source that were already missing in `mesh`. `image_loss` ends the sentence
-    about textures that became vertex colours.
+    The argument `left_out` lists parts of the source that were already missing in `mesh`. The text
+    `image_loss` ends the sentence about textures that became vertex colours.
     """
     form = FORMATS[suffix]
     is_split = not np.array_equal(written.faces, mesh.faces)
     if is_split and form.is_soup:
-        yield f"{suffix} stores separate vertices for every face (a triangle soup); merge them after reading"
+        yield (
+            f"{suffix} stores separate vertices for every face (a triangle soup); merge the vertices "
+            "after reading"
+        )
     elif is_split and mesh.face_colors is not None and written.face_colors is None:
         yield (
             f"{suffix} cannot store face colours: vertices are split where colours differ; "
@@ -67,7 +70,7 @@ def list_losses(
         yield f"{suffix} cannot store texture filtering and wrapping"
     if form.is_single:
         yield from _describe_coordinates(mesh, written, suffix)
-    # `left_out` lists UVs without a texture. A GLB stores them nevertheless.
+    # `left_out` contains UVs that belong to no texture. A GLB file still stores these UVs.
     lost = [part for part in left_out if part != "UVs" or not _has_uvs(written)]
     lost += form.list_lost(written) if form.list_lost else []
     lost += _list_lost_parts(mesh, written, suffix)
@@ -80,24 +83,22 @@ def list_losses(
 
 
 def _describe_coordinates(mesh: Mesh, written: Mesh, suffix: str) -> Iterator[str]:
-    """Yield notes on the coordinates in a file of `suffix`, which stores them as float32."""
+    """Yield notes about the coordinates in a file of `suffix`, which are float32."""
     if any(stored := find_origin(written.vertices)):
         yield f"coordinates are float32 relative to {describe_origin(stored)}, the translation of the mesh"
     origin = find_origin(mesh.vertices) if FORMATS[suffix].has_origin else NO_ORIGIN
     if (loss := describe_rounding(mesh, round_coordinates(mesh.vertices, origin))) is not None:
-        yield f"{loss}; use {_list_exact_formats()} to keep coordinates"
+        yield f"{loss}; use {_list_exact_formats()} to keep the exact coordinates"
 
 
 def _list_exact_formats() -> str:
-    """Return the suffixes of formats that store the coordinates of any mesh, as a list in words."""
+    """Return the suffixes of formats that store the coordinates of any mesh exactly, as text."""
     names = [name for name, form in FORMATS.items() if form.write and not form.is_single]
     return " or ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
 def _list_lost_parts(mesh: Mesh, written: Mesh, suffix: str) -> Iterator[str]:
-    """Yield the names of the cut-outs, colours and UVs of `mesh` that are lost in `written`, a file of
-    `suffix`.
-    """
+    """Yield names of the cut-outs, colours and UVs of `mesh` that are missing in `written`."""
     has_cut_outs = mesh.textures and mesh.sampler.alpha_cutoff is not None
     if has_cut_outs and FORMATS[suffix].keeps and not written.textures:
         yield f"cut-outs ({suffix} cannot store them)"
@@ -109,7 +110,7 @@ def _list_lost_parts(mesh: Mesh, written: Mesh, suffix: str) -> Iterator[str]:
 
 
 def list_engine_losses(mesh: Mesh, engine: str) -> Iterator[str]:
-    """Yield a note for each property of `mesh` that `engine` loses or changes."""
+    """Yield a note for each property of `mesh` that the program `engine` loses or changes."""
     if engine == "godot" and mesh.vertex_colors is not None:
         yield "Godot stores vertex colours as 8-bit linear light, which is coarse in dark areas"
     if engine == "blender" and mesh.textures and mesh.sampler.mipmaps:
@@ -123,17 +124,20 @@ def _has_uvs(mesh: Mesh) -> bool:
 
 
 def describe_placement(written: Mesh, suffix: str) -> Iterator[str]:
-    """Yield a note if a file of `suffix` cannot record how `written` was turned or scaled."""
+    """Yield a note if the format of `suffix` cannot record the rotation or scale of `written`."""
     if written.placement is not None and suffix in _WITHOUT_COMMENTS:
-        yield f"{suffix} cannot record the rotation and the unit; cameras of the capture do not fit the file"
+        yield (
+            f"{suffix} cannot record the rotation and the unit, so cameras of the capture do not match "
+            "the file"
+        )
 
 
 def describe_up_axis(mesh: Mesh, suffix: str, *, known: bool) -> Iterator[str]:
-    """Yield a note if the up axis is a guess (not `known`), or if a file of `suffix` cannot store it."""
+    """Yield a note if the up axis is not `known`, or if the format cannot store the up axis."""
     if FORMATS[suffix].up is None:
         if known and mesh.up not in (None, "+y"):
             yield f"{mesh.up} is up, which {suffix} cannot store; msb convert --up={mesh.up} rotates it to +y"
     elif mesh.up is None:
         yield "the up axis is unknown, so the mesh is not rotated; for COLMAP scenes use msb convert --up=-y"
     elif not known:
-        yield f"the up axis is unknown; assuming {mesh.up}. Set another one with msb convert --up"
+        yield f"the up axis is unknown; {mesh.up} is assumed. Pass --up to msb convert to change it"

@@ -1,4 +1,4 @@
-"""The arrays of a mesh file."""
+"""The arrays of a mesh file in memory."""
 
 from __future__ import annotations
 
@@ -17,23 +17,25 @@ from msb.errors import Finding, MeshError, finding
 if TYPE_CHECKING:
     from msb.meshes.placement import Placement
 
-# Number of faces whose rounded corners are compared, evenly spread over all.
+# Rounding is measured at this number of faces, which are evenly spread over all faces.
 _SAMPLED_FACES = 200_000
-# Rounding is reported above this share of the size of a typical face. It turns normals by 0.1 degrees.
+# A rounding error is reported if it exceeds this share of the size of a typical face. An error of this size
+# turns normals by 0.1 degrees.
 _SEEN = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """The triangles of one file: every vertex row and every face, in the file's order.
+    """The triangles of one file, with all vertices and faces in the order of the file.
 
     Parameters
     ----------
     vertices : (V, 3) float32 or float64
-        Positions in the file's precision, in the file's units or, if it states them, in metres. Unused
-        vertices and non-finite coordinates are included.
+        Positions in the precision of the file. Positions are in metres if the file states its unit, else in
+        the unit of the file. Unused vertices and non-finite coordinates are included.
     faces : (F, 3) int64
-        Vertex indices as stored. They may be out of range (negative, or V and more); the audit reports that.
+        Vertex indices as stored. Indices may be out of range (negative, or V and more), which an audit
+        reports.
     vertex_colors : (V, 3) or (V, 4) uint8 or float32 in [0, 1], optional
         None if the file has no vertex colours.
     face_colors : (F, 3) or (F, 4) uint8 or float32 in [0, 1], optional
@@ -41,15 +43,15 @@ class Mesh:
     vertex_uvs : (V, 2) float32, optional
         Texture coordinates, v downwards as in glTF.
     corner_uvs : (3F, 2) float32, optional
-        Texture coordinates per face corner, for formats that store them per corner. A mesh has either these
-        or `vertex_uvs`.
+        Texture coordinates per face corner, for formats that store them per corner. A mesh has either
+        `corner_uvs` or `vertex_uvs`.
     vertex_keys, corner_keys : (V,), (3F,) uint32, optional
         A hash of the attributes of each vertex or corner that are not read, such as normals and tangents
-        (`msb.base.seam_keys.hash_attributes`). They explain duplicated vertices, and are not written.
+        (`msb.base.seam_keys.hash_attributes`). Seam keys explain duplicated vertices, and are not written.
     corner_normals : (3F, 3) float32, optional
         Unit normals per face corner, for writing only (`msb.meshes.normals`).
     textures : tuple of (H, W, 3) or (H, W, 4) uint8
-        sRGB images. They are multiplied with the colours in linear light.
+        sRGB images. The images are multiplied with the colours in linear light.
     face_textures : (F,) uint32, optional
         The texture number of each face; None if there are fewer than two textures.
     sampler : Sampler
@@ -62,9 +64,9 @@ class Mesh:
         The length of the file's unit in metres, by which the positions were multiplied; None if unknown.
     frame : Frame, optional
         The precise up direction, the unit and the floor of the capture that the positions belong to. None if
-        nothing but `up` is known.
+        only `up` is known.
     placement : Placement, optional
-        How the positions were turned and scaled for a file (`msb.meshes.placement`).
+        The rotation and scale of the positions for a file (`msb.meshes.placement`).
     wrong_face : str, optional
         For text files: a text about the first face with an invalid vertex index, with its line number.
 
@@ -109,9 +111,9 @@ class Mesh:
             _check(name, None if keys is None else keys[:, None], rows, (1,), (np.uint32,))
 
     def select(self, vertices: Any, faces: Any, numbers: NDArray[np.int64]) -> Mesh:
-        """Return the mesh with the selected vertex and face rows, each given as a mask or as row indices.
+        """Return the mesh with the selected rows of vertices and faces, given as masks or row indices.
 
-        `numbers` (F', 3) are the new `faces`: indices into the selected vertices.
+        The argument `numbers` (F', 3) contains the new `faces`, which index the selected vertices.
         """
         rows: dict[str, Any] = {"faces": numbers}
         by_face = ("face_colors", "face_textures")
@@ -126,7 +128,7 @@ class Mesh:
 
     @property
     def attributes(self) -> dict[str, NDArray[Any]]:
-        """The arrays for which vertices are split at seams, under the names of `msb.topology.seams`."""
+        """Arrays whose differences split vertices at seams, by the names of `msb.topology.seams`."""
         stored = {"uv": self.vertex_uvs, "corner_uv": self.corner_uvs, "color": self.vertex_colors}
         stored |= {SEAM_KEY: self.vertex_keys, f"corner_{SEAM_KEY}": self.corner_keys}
         stored["face_texture"] = self.face_textures
@@ -135,7 +137,7 @@ class Mesh:
 
 
 def report_left_out(mesh: Mesh) -> tuple[Finding, ...]:
-    """Return the finding that lists the parts of the file that were not read, if there are any."""
+    """Return the finding that lists unread parts of the file, if there are any."""
     if not mesh.left_out:
         return ()
     text = f"Ignored: {', '.join(mesh.left_out)}. Only triangles, their colours and textures are read"
@@ -143,12 +145,13 @@ def report_left_out(mesh: Mesh) -> tuple[Finding, ...]:
 
 
 def report_origin(mesh: Mesh) -> tuple[Finding, ...]:
-    """Return the findings about coordinates with more digits than float32 has: an origin, and the rest."""
+    """Return findings about coordinates that are too precise for float32: the origin, and rounding errors."""
     origin = find_origin(mesh.vertices)
     findings = []
     if any(origin):
         text = (
-            f"Coordinates are far from zero: they are kept as float32 relative to {describe_origin(origin)}"
+            "Coordinates are far from zero, so they are kept as float32 relative to "
+            f"{describe_origin(origin)}"
         )
         findings.append(finding("MESH_ORIGIN", text, severity="info", value=list(origin)))
     if (loss := describe_rounding(mesh, round_coordinates(mesh.vertices, origin))) is not None:
@@ -158,7 +161,7 @@ def report_origin(mesh: Mesh) -> tuple[Finding, ...]:
 
 
 def describe_rounding(mesh: Mesh, rounded: NDArray[Any]) -> str | None:
-    """Return how far `rounded` (V, 3) moves the vertices of `mesh`, in words; None if it is invisible."""
+    """Return the largest move of a vertex from `mesh` to `rounded` (V, 3) as text, or None."""
     if rounded is mesh.vertices:
         return None
     faces = mesh.faces[:: max(1, len(mesh.faces) // _SAMPLED_FACES)]
@@ -167,7 +170,7 @@ def describe_rounding(mesh: Mesh, rounded: NDArray[Any]) -> str | None:
         corners = mesh.vertices[faces[inside]].astype(np.float64)
         moved = np.abs(corners - rounded[faces[inside]])
         edges = np.ptp(corners, axis=1).max(axis=1)
-    # Compare the distances with the typical size of a face.
+    # Compare the moves with the typical size of a face.
     known = np.isfinite(moved).all(axis=(1, 2)) & (edges > 0)
     if not known.any():
         return None
@@ -180,9 +183,11 @@ def describe_rounding(mesh: Mesh, rounded: NDArray[Any]) -> str | None:
 def _check(
     name: str, array: NDArray[Any] | None, rows: int | None, widths: tuple[int, ...], types: tuple[type, ...]
 ) -> None:
-    """Raise MESH_ARRAY unless `array` has shape (rows, one of `widths`) and one of `types`.
+    """Raise MESH_ARRAY unless `array` has a valid shape and type: (`rows`, one of `widths`) and one of
+    `types`.
 
-    If `rows` is None, the array is required and may have any number of rows. Otherwise the array may be None.
+    If `rows` is None, the array must exist and may have any number of rows. If `rows` is given, the array may
+    be None.
     """
     if array is None and rows is not None:
         return

@@ -1,4 +1,4 @@
-"""Smooth normals of a mesh, for files that are lit."""
+"""Computes smooth normals of a mesh, for files that are lit."""
 
 from dataclasses import replace
 
@@ -7,23 +7,23 @@ from numpy.typing import NDArray
 
 from msb.meshes.mesh import Mesh
 
-# Angle in degrees between two faces above which the edge between them is a crease. Common modelling programs
-# use 30 to 60 degrees.
+# If two faces differ by more than this angle in degrees, the edge between them is a crease. Common modelling
+# programs use an angle of 30 to 60 degrees.
 CREASE = 45.0
 
 
 def with_smooth_normals(mesh: Mesh) -> Mesh:
-    """Return `mesh` with normals per corner: smooth where faces bend slightly, with creases kept.
+    """Return `mesh` with corner normals that are smooth on slightly bent surfaces and keep creases.
 
-    The normal of a corner is the average over the faces at the same place, weighted by area, whose normals
-    differ by at most `CREASE` degrees from that of the corner's face. Vertices at one place count as one, so
-    seams of textures do not show.
+    The normal of a corner is an average over faces at the same place, weighted by area. The average includes
+    faces whose normals differ by at most `CREASE` degrees from the normal of the corner's face. All vertices
+    at one place are treated as one vertex, so that texture seams stay invisible.
     """
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     unit = np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
-    # Sort the corners (3F,) by place, so that those of one place are a block [start, stop).
+    # Sort the corners (3F,) by place, so that the corners of one place form a block [start, stop).
     _, place = np.unique(mesh.vertices.astype(np.float32), axis=0, return_inverse=True)
     at = place.reshape(-1)[mesh.faces.reshape(-1)]
     order = np.argsort(at, kind="stable")
@@ -31,7 +31,7 @@ def with_smooth_normals(mesh: Mesh) -> Mesh:
     count = np.bincount(at[order])
     start = np.repeat(np.cumsum(count) - count, count)
     size = np.repeat(count, count)
-    # For each corner, go once through the corners of its block and add similar normals.
+    # For each corner, visit the corners of its block and add similar normals.
     sums = np.zeros((len(order), 3))
     least = np.cos(np.radians(CREASE))
     position = np.arange(len(order)) - start
@@ -48,16 +48,16 @@ def with_smooth_normals(mesh: Mesh) -> Mesh:
 
 
 def _round(normals: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the normals with 12 bits per coordinate, so that the corners of a smooth vertex are equal.
+    """Round the normals to 12 bits per coordinate, so that the corners of a smooth vertex are equal.
 
-    The sums at the corners of one vertex differ in the order of their terms only.
+    The corners of one vertex sum their normals in different orders, so the sums differ by rounding errors.
     """
     rounded: NDArray[np.float32] = np.round(normals * 2048) / np.float32(2048)
     return rounded
 
 
 def vertex_normals(mesh: Mesh) -> NDArray[np.float32]:
-    """Return the unit normals (V, 3) of a mesh whose corners at one vertex have one normal."""
+    """Return the unit normals (V, 3) of a mesh if all corners of each vertex have the same normal."""
     assert mesh.corner_normals is not None
     normals = np.tile(np.array((0, 1, 0), np.float32), (len(mesh.vertices), 1))
     normals[mesh.faces.reshape(-1)] = mesh.corner_normals

@@ -1,4 +1,4 @@
-"""Wavefront OBJ: polygon meshes as text, with materials and images in companion files."""
+"""Wavefront OBJ: polygon meshes as text, with materials and images in additional files."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any, BinaryIO
@@ -27,7 +27,7 @@ from msb.meshes.writing import write_rows
 # Number of colour channels at the end of a `v` line, by the number of values in the line.
 _COLOR_WIDTHS = {6: 3, 7: 4}
 
-# Names of the data in lines that are not read, by the first word of the line.
+# Names of data that is not read, by the first word of the line.
 _LEFT_OUT = {b"vn": "normals", b"vt": "UVs", b"usemtl": "materials and their textures", b"l": "lines"}
 
 # First words of lines that are rejected: free-form surfaces, other files, and shell commands.
@@ -36,7 +36,7 @@ _UNSUPPORTED = (b"surf", b"call", b"csh")
 
 @dataclass
 class _Parts:
-    """The arrays of the blocks that have been read so far."""
+    """The arrays of all blocks that have been read so far."""
 
     vertex_count: int = 0
     vertices: list[NDArray[np.float64]] = field(default_factory=list)
@@ -50,9 +50,10 @@ class _Parts:
 def read(source: Source) -> Mesh:
     """Read `v` and `f` lines, and also `vt` and `usemtl` lines if materials have images or colours.
 
-    Vertices are float64. Colours are read from `v x y z r g b [a]` lines if all `v` lines have them.
+    Vertices are float64. Colours are read from `v x y z r g b [a]` lines if all `v` lines have colours.
     """
-    # Join lines that end with a backslash. Spaces replace the line ends, so that byte offsets stay valid.
+    # Join lines that end with a backslash. Spaces replace the joined line ends, so that byte offsets stay
+    # valid.
     text = source.as_text("OBJ")
     if b"\\" in text.data:
         joined = text.data.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ")
@@ -96,7 +97,7 @@ def _reject_unsupported(words: Words) -> None:
         lines = np.flatnonzero(words.lines_beginning(keyword))
         if lines.size:
             name = keyword.decode()
-            text = f"'{name}' is not supported; only polygons ('f' lines) in a single file are"
+            text = f"'{name}' is not supported; only polygons ('f' lines) in a single file can be read"
             raise words.line_error("MESH_FILE_UNSUPPORTED", int(lines[0]), text)
 
 
@@ -106,14 +107,14 @@ def _add_vertices(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> 
     wrong = np.flatnonzero((widths < 3) | (widths > 7) | (widths == 5))
     if wrong.size:
         line = int(np.flatnonzero(is_vertex)[wrong[0]])
-        text = f"'v' has {widths[wrong[0]]} numbers; valid are x y z, x y z w, x y z r g b and x y z r g b a"
+        text = f"'v' has {widths[wrong[0]]} numbers; write x y z, x y z w, x y z r g b or x y z r g b a"
         raise words.line_error("MESH_FILE_INVALID", line, text)
     values = words.numbers(words.arguments(is_vertex))
     first = np.cumsum(widths) - widths
     parts.vertices.append(values[first[:, None] + np.arange(3)])
     parts.vertex_count += len(widths)
-    # Keep the colours of a block if all its lines have the same width. `read` uses them if this width is the
-    # same in all blocks.
+    # Keep the colours of a block if its lines have equal numbers of channels. The colours are used if all
+    # blocks have the same number of channels.
     widths_here = {_COLOR_WIDTHS.get(width, 0) for width in np.unique(widths).tolist()}
     parts.color_widths |= widths_here
     if widths_here in ({3}, {4}):
@@ -123,7 +124,8 @@ def _add_vertices(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> 
 def _add_faces(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> None:
     """Append the polygons of the `f` and `fo` lines.
 
-    `is_vertex` (L,) selects the `v` lines. Negative indices count backwards from the last `v` line above.
+    The argument `is_vertex` (L,) selects the `v` lines. Negative indices count backwards from the last
+    preceding `v` line.
     """
     is_face = select_face_lines(words)
     chosen = words.arguments(is_face)
@@ -133,7 +135,7 @@ def _add_faces(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> Non
 
 
 def _describe_wrong_face(text: Source, polygon: int, index: int, vertices: int) -> str:
-    """Parse the file again to find a polygon with an invalid index; return the text of `Mesh.wrong_face`."""
+    """Parse the file again to find a polygon with an invalid index. Return the text for `Mesh.wrong_face`."""
     for words in word_blocks(text, comments=True):
         lines = np.flatnonzero(select_face_lines(words))
         if polygon < len(lines):
@@ -144,10 +146,10 @@ def _describe_wrong_face(text: Source, polygon: int, index: int, vertices: int) 
 
 
 def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
-    """Write `v`, `vt` and `f` lines. Coordinates read back exactly.
+    """Write `v`, `vt` and `f` lines. Coordinates are exact when the file is read again.
 
-    Colours follow the coordinates as 0..1 with nine digits. A textured mesh refers to its materials if the
-    style has a stem for companion files.
+    Colours follow the coordinates as numbers from 0 to 1 with nine digits. A textured mesh refers to its
+    materials if the style has a stem for additional files.
     """
     if mesh.placement is not None:
         stream.write(f"# {mesh.placement.comment}\n".encode())
@@ -163,7 +165,7 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
         columns = np.column_stack((columns, colors))
         form += " %.9g" * colors.shape[1]
     write_rows(stream, form, columns)
-    # indices: for each corner (F, 3) its vertex, and the texture coordinate and normal if there are any.
+    # Collect the indices (F, 3) of vertices, texture coordinates and normals.
     indices, corner = [mesh.faces + 1], "%d"
     if mesh.vertex_uvs is not None or mesh.corner_uvs is not None:
         rows, numbers = _index_coordinates(mesh)
@@ -179,7 +181,7 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     if not has_materials:
         write_rows(stream, form, faces)
         return
-    # Write a `usemtl` line wherever the material changes from one face to the next.
+    # Write a `usemtl` line where the material differs from the previous face.
     starts = np.flatnonzero(np.diff(of_face, prepend=-1)) if len(faces) else np.zeros(0, np.intp)
     for start, end in zip(starts, [*starts[1:], len(faces)], strict=True):
         stream.write(b"usemtl material_%d\n" % of_face[start])
@@ -187,7 +189,9 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
 
 
 def _index_coordinates(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Return the distinct texture coordinates (N, 2), and the indices (F, 3) of the corners into them."""
+    """Return the distinct texture coordinates (N, 2), and the index (F, 3) of the coordinates of each
+    corner.
+    """
     if mesh.corner_uvs is None:
         assert mesh.vertex_uvs is not None
         return mesh.vertex_uvs, mesh.faces
@@ -197,7 +201,7 @@ def _index_coordinates(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.int6
 
 
 def companions(mesh: Mesh, style: Style) -> dict[str, bytes]:
-    """Return the companion files of an OBJ file as name -> content: the MTL file and its images."""
+    """Return the additional files of an OBJ file as name -> content: the MTL file and its images."""
     if not mesh.textures:
         return {}
     _, chosen, _ = choose_materials(mesh)
@@ -205,7 +209,8 @@ def companions(mesh: Mesh, style: Style) -> dict[str, bytes]:
     images = encode_images(mesh, style, {part.texture for part in chosen if part.texture is not None})
     materials = []
     for number, material in enumerate(chosen):
-        # illum 0: constant colour without lighting; illum 1: diffuse light without highlights.
+        # In MTL, illum 0 is a constant colour without lighting, and illum 1 is diffuse light without
+        # highlights.
         lines = [f"newmtl material_{number}", "Kd {:.6g} {:.6g} {:.6g}".format(*material.color)]
         lines += ["Ks 0 0 0", f"illum {int(style.is_lit)}"]
         if material.texture is not None:

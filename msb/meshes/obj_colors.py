@@ -1,4 +1,4 @@
-"""Choose the materials of a written OBJ file: images, and uniform colours as Kd."""
+"""Chooses the materials of a written OBJ file: images, and uniform colours as Kd."""
 
 from dataclasses import dataclass, replace
 
@@ -10,31 +10,34 @@ from msb.meshes.colors import as_floats, linear_light
 from msb.meshes.image_files import describe_counts, is_single_texel
 from msb.meshes.mesh import Mesh
 
-# Number of passes over the faces. A mesh that needs more passes, because its parts share many vertices, keeps
-# its vertex colours.
+# Largest number of passes over the faces. After this limit, the mesh keeps its vertex colours, because its
+# parts share many vertices.
 _MAX_PASSES = 16
 
 
 @dataclass(frozen=True)
 class WrittenMaterial:
-    """A material: its sRGB colour Kd in [0, 1], and the number of its texture, or None without an image."""
+    """A material has its sRGB colour Kd in [0, 1] and the number of its texture.
+
+    The number is None without a texture.
+    """
 
     color: tuple[float, ...]
     texture: int | None
 
 
 def choose_materials(mesh: Mesh) -> tuple[Mesh, list[WrittenMaterial], NDArray[np.int64]]:
-    """Return `mesh` as it is written, its materials, and the number (F,) of each face's material.
+    """Return `mesh` in the form for writing, its materials, and the number (F,) of each face's material.
 
-    A texture of a single opaque texel becomes a colour. If the corners of its faces have a uniform vertex
-    colour, the product of both becomes the colour, and these vertices become white. Many programs ignore
-    vertex colours of textured meshes.
+    A texture of a single opaque texel becomes a colour. If all faces of such a texture have one vertex
+    colour, the material gets the product of both colours. The vertices then become white. Many programs
+    ignore vertex colours of textured meshes.
     """
     textures = np.zeros(len(mesh.faces), np.int64)
     if mesh.face_textures is not None:
         textures = mesh.face_textures.astype(np.int64)
     plain = [number for number, image in enumerate(mesh.textures) if is_single_texel(image, mesh)]
-    # The faces with a uniform vertex colour on a plain texture, and the colours (F, 3) of plain textures.
+    # Find faces with a uniform vertex colour on a plain texture. `texels` has the colours of plain textures.
     texels = np.ones((len(mesh.textures), 3))
     for number in plain:
         texels[number] = as_floats(mesh.textures[number][0, 0, :3])
@@ -45,13 +48,13 @@ def choose_materials(mesh: Mesh) -> tuple[Mesh, list[WrittenMaterial], NDArray[n
         tint[is_uniform] = as_floats(mesh.vertex_colors[mesh.faces[is_uniform, 0]])[:, :3]
     color = _multiply(texels[textures], tint)
     color[~is_uniform] = texels[textures[~is_uniform]]
-    # Without any image, readers may ignore Kd if there are vertex colours. Therefore these texels stay
-    # images.
+    # If a file has no images, readers may ignore the material colour Kd in favour of vertex colours.
+    # Therefore a file without other images keeps its uniform textures as images.
     needs_image = len(plain) == len(mesh.textures) and not is_uniform.all()
     stays = ~np.isin(textures, plain) | (~is_uniform & needs_image & (color != 1).any(axis=1))
     rows = np.column_stack((np.where(stays, textures, -1), np.where(stays[:, None], 1, color)))
     distinct, of_face = np.unique(rows, axis=0, return_inverse=True)
-    if len(distinct) > MAX_TEXTURES:  # our reader accepts no more
+    if len(distinct) > MAX_TEXTURES:  # The OBJ reader limits the number of colours.
         materials = [WrittenMaterial((1.0, 1.0, 1.0), number) for number in range(len(mesh.textures))]
         return mesh, materials, textures
     materials = [
@@ -61,9 +64,7 @@ def choose_materials(mesh: Mesh) -> tuple[Mesh, list[WrittenMaterial], NDArray[n
 
 
 def _find_uniform_faces(mesh: Mesh, is_plain: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return a mask (F,) of the plain faces that have one opaque colour and share vertices only with each
-    other.
-    """
+    """Return a mask (F,) of uniformly coloured, opaque, plain faces that share no vertex with other faces."""
     assert mesh.vertex_colors is not None
     colors = mesh.vertex_colors[mesh.faces]
     is_uniform: NDArray[np.bool_] = is_plain & (colors == colors[:, :1]).all(axis=(1, 2))
@@ -80,9 +81,9 @@ def _find_uniform_faces(mesh: Mesh, is_plain: NDArray[np.bool_]) -> NDArray[np.b
 
 
 def _multiply(texels: NDArray[np.float64], tint: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return the product of sRGB colours (F, 3), computed in linear light.
+    """Return the products of sRGB colours (F, 3), computed in linear light.
 
-    White does not change the other colour.
+    Multiplication with white does not change a colour.
     """
     light = linear_light(texels.astype(np.float32)) * linear_light(tint)
     product = linear_to_srgb(light)
@@ -110,8 +111,8 @@ def list_stored(mesh: Mesh) -> list[str]:
 
 
 def list_lost(mesh: Mesh) -> list[str]:
-    """Return the names of the parts of a mesh that an OBJ file does not store."""
+    """Return the names of mesh data that an OBJ file does not store."""
     is_cut_out = mesh.textures and mesh.sampler.alpha_cutoff is not None
     if is_cut_out and all(image.shape[2] == 3 for image in mesh.textures):
-        return ["cut-outs by the alpha of vertex colours"]
+        return ["cut-outs from the alpha of vertex colours"]
     return []

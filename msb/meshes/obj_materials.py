@@ -1,4 +1,4 @@
-"""Materials of OBJ files: the images and colours of MTL files as textures."""
+"""Materials of OBJ files: the images and colours of MTL files are read as textures."""
 
 import codecs
 import re
@@ -19,23 +19,25 @@ from msb.meshes.source import Source
 from msb.meshes.text import Words, word_blocks
 
 _STATEMENT = re.compile(rb"^[ \t]*(mtllib|usemtl)[ \t]+([^\n]*)", re.MULTILINE)
-# The separator of library names, which may contain spaces.
+# The separator between library names, which may contain spaces.
 _BETWEEN = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)
-# Limits for hostile files. Total size of all libraries: 16 MiB.
+# Limits that protect against malicious files. Total size of all MTL libraries: 16 MiB.
 _MAX_LIBRARY_BYTES = 1 << 24
-# Number of libraries, and of images.
+# Largest number of MTL libraries, and largest number of images.
 _MAX_FILES = 1 << 10
-# Length of a `map_Kd` line in characters: the longest path that Linux accepts.
+# Longest `map_Kd` line in characters: the longest path in Linux.
 _MAX_LINE = 1 << 12
 _WHITE = (255, 255, 255)
-# Largest number of arguments of the map options with several arguments. `-o`, `-s` and `-t` may have fewer.
+# Map options that have several arguments, with their largest number of arguments. The options `-o`, `-s` and
+# `-t` may have fewer arguments.
 _OPTIONS = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}
 # The values of map options that leave the image unchanged.
 _NEUTRAL = {"-o": 0.0, "-t": 0.0, "-s": 1.0, "-clamp": "off", "-blendu": "on", "-blendv": "on"}
 _NUMBER = re.compile(r"[+-]?(\d++\.?\d*+|\.\d++)(e[+-]?\d++)?", re.IGNORECASE)
 _FURTHER_MAP = re.compile(r"map_\w+|bump|disp|decal|refl|norm")
 
-# The first word of a comment that gives the alpha cut-off of the next `map_d`. MTL itself has no cut-off.
+# The first word of a comment that states the alpha cut-off of the next `map_d` line. The MTL format itself
+# has no alpha cut-off.
 CUTOFF = "alphaCutoff"
 _CUTOFF = 0.5
 LeftOut = dict[str, None]
@@ -43,19 +45,19 @@ LeftOut = dict[str, None]
 
 @dataclass(frozen=True)
 class _Image:
-    """An image as written in the MTL file, and whether its alpha channel cuts holes."""
+    """An image as named in the MTL file, and whether its alpha channel cuts holes."""
 
     name: str
     is_masked: bool
 
 
-# An image, or an sRGB colour in bytes.
+# A material as an image, or as an sRGB colour in bytes.
 Texture = _Image | tuple[int, ...]
 
 
 @dataclass
 class _Material:
-    """A material: its sRGB colour in bytes, and the file names of its image and of its opacity map."""
+    """A material: its sRGB colour in bytes, and the file names of its image and its opacity map."""
 
     color: tuple[int, ...] = _WHITE
     image: str | None = None
@@ -66,7 +68,7 @@ class _Material:
     def is_masked(self) -> bool:
         """Whether the alpha channel of the image cuts holes.
 
-        This is so if the opacity map is the same file.
+        The alpha channel cuts holes if the opacity map is the same file.
         """
         return self.image is not None and self.mask == self.image
 
@@ -77,23 +79,23 @@ class _Material:
 
 
 def select_face_lines(words: Words) -> NDArray[np.bool_]:
-    """Return a mask (L,) of the lines that are polygons."""
+    """Return a mask (L,) of the lines that define polygons."""
     return words.lines_beginning(b"f") | words.lines_beginning(b"fo")
 
 
 def names_materials(text: Source) -> bool:
-    """Return whether an OBJ file uses materials and also names material libraries."""
+    """Return whether an OBJ file uses materials and names material libraries."""
     return {statement[1] for statement in _STATEMENT.finditer(text.data)} == {b"mtllib", b"usemtl"}
 
 
 def with_materials(mesh: Mesh, text: Source, cut: Triangulation) -> tuple[Mesh, LeftOut]:
-    """Return `mesh`, read from `text`, with the textures of its materials, and the names of parts not read.
+    """Return `mesh`, which was read from `text`, with textures, and the names of unread data.
 
-    `cut` has the triangles of its polygons.
+    The argument `cut` is the triangulation of the polygons.
 
     A material becomes its image, or a single texel of its colour. Libraries and images that cannot be read
-    are skipped. The colours of materials without any image are skipped in two cases: if vertices have
-    colours, and if there are more than `MAX_TEXTURES` colours.
+    are skipped. A material without an image may lose its colour. The colour is lost if vertices have colours,
+    or if there are more than `MAX_TEXTURES` colours.
     """
     # Collect the `usemtl` statements with their byte offsets, and the names of the libraries.
     known: dict[str, _Material] = {}
@@ -137,7 +139,7 @@ def with_materials(mesh: Mesh, text: Source, cut: Triangulation) -> tuple[Mesh, 
 
 
 def with_coordinates(mesh: Mesh, text: Source, cut: Triangulation) -> Mesh:
-    """Return `mesh`, read from `text`, with the texture coordinates of its corners."""
+    """Return `mesh`, which was read from `text`, with texture coordinates at its corners."""
     uvs, corners, _ = _read_coordinates(text)
     return replace(mesh, corner_uvs=uvs[corners[cut.order.reshape(-1)]])
 
@@ -149,9 +151,12 @@ def _with_textures(
     uses: list[tuple[int, Texture]],
     images: dict[_Image, NDArray[np.uint8]],
 ) -> Mesh:
-    """Return `mesh` with textures. `uses` lists the byte offsets of `usemtl` lines and their textures."""
+    """Return `mesh` with the textures of its materials.
+
+    The argument `uses` lists the `usemtl` lines by byte offset, and their textures.
+    """
     uvs, corners, lines = _read_coordinates(text)
-    # The last `usemtl` before the line of a polygon gives its texture. Number the textures that polygons use.
+    # A polygon has the texture of the last preceding `usemtl` line. Number the textures that polygons use.
     used = np.searchsorted([at for at, _ in uses], lines, side="right") - 1
     numbers: dict[Texture, int] = {}
     of_use = [numbers.setdefault(uses[use][1], len(numbers)) for use in np.unique(used).tolist()]
@@ -173,18 +178,19 @@ def _with_textures(
 def _read_coordinates(
     text: Source,
 ) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64]]:
-    """Return the texture coordinates of an OBJ file and the polygons that use them.
+    """Return the texture coordinates of an OBJ file, and the row of coordinates for each polygon corner.
 
-    The first array has the coordinates (T + 1, 2), with v downwards. Its last row is for corners without
-    coordinates. The second array (C,) has the row of each corner, the third (P,) the byte offset of each
-    polygon.
+    The first array has the texture coordinates (T + 1, 2), with v downwards. The last row of texture
+    coordinates is for corners without coordinates. The second array (C,) has the coordinate row of each
+    corner. The third array (P,) has the byte offset of each polygon.
     """
     uvs, corners, lines, above = [], [], [], 0
     for words in word_blocks(text, comments=True):
         is_uv, is_face = words.lines_beginning(b"vt"), select_face_lines(words)
         uvs.append(_read_uvs(words, is_uv))
         chosen = words.arguments(is_face)
-        # A corner is "v", "v/vt", "v//vn" or "v/vt/vn". `named` is the second part, or -1 if it is empty.
+        # A corner is "v", "v/vt", "v//vn" or "v/vt/vn". `named` is the second part of a corner, or -1 if it
+        # is empty.
         named = words.after(b"/").without_suffix(b"/")
         has_uv = chosen & (named.end > named.start)
         rows = np.full(len(words.start), -1, np.int64)
@@ -194,7 +200,7 @@ def _read_coordinates(
         above += int(is_uv.sum())
     joined = np.concatenate(corners)
     if joined.size and joined.max() >= above:
-        message = f"a face uses texture coordinate {joined.max() + 1}, but the file has {above}"
+        message = f"a face uses texture coordinate {joined.max() + 1}, but the file has only {above}"
         raise text.error("MESH_FILE_INVALID", message)
     stored = np.concatenate([*uvs, np.zeros((1, 2))])
     with np.errstate(over="ignore"):
@@ -220,9 +226,9 @@ def _read_uvs(words: Words, is_uv: NDArray[np.bool_]) -> NDArray[np.float64]:
 def _decode_images(
     text: Source, used: dict[str, _Material], left_out: LeftOut
 ) -> tuple[dict[_Image, _Image], dict[_Image, NDArray[np.uint8]]]:
-    """Return the images that can be read, and their texels.
+    """Return the images that can be read, and the texels of these images.
 
-    If a file has several names, all of them are mapped to the first name, and the texels are stored under it.
+    If a file has several names, all names map to the first name. The texels also have this name as their key.
     """
     decoder, files, texels = Decoder(), set[Path](), {}
     firsts: dict[tuple[Path, bool], _Image] = {}
@@ -249,7 +255,10 @@ def _decode_images(
 def _read_libraries(
     text: Source, names: Iterable[str], known: dict[str, _Material], left_out: LeftOut
 ) -> None:
-    """Add the materials of the libraries `names` to `known`. The first definition of a name counts."""
+    """Add the materials of the libraries `names` to `known`.
+
+    The first definition of a material name is used.
+    """
     room = _MAX_LIBRARY_BYTES
     for number, name in enumerate(names):
         if number == _MAX_FILES:
@@ -297,8 +306,9 @@ def _read_library(data: bytes, known: dict[str, _Material], left_out: LeftOut) -
 
 
 def _parse_color(words: str) -> tuple[int, ...]:
-    """Return the colour of a Kd line in bytes, or white if it has no three numbers (for example a spectral
-    curve).
+    """Return the colour of a Kd line in bytes.
+
+    A line without three numbers, such as a spectral curve, gives white.
     """
     values = words.split()[:3]
     if len(values) < 3 or not all(_NUMBER.fullmatch(value) for value in values):
@@ -307,13 +317,13 @@ def _parse_color(words: str) -> tuple[int, ...]:
 
 
 def _parse_cutoff(word: str) -> float:
-    """Return the alpha cut-off in a comment, or the default cut-off if the text is not a number above 0."""
+    """Return the alpha cut-off in a comment. Return the default if the text is not a positive number."""
     value = float(word) if len(word) < 40 and _NUMBER.fullmatch(word) else 0.0
     return value if 0 < value < float("inf") else _CUTOFF
 
 
 def _strip_options(words: str) -> tuple[str, bool]:
-    """Return the image name in a map_Kd line, and whether its options leave the image unchanged."""
+    """Return the image name in a map_Kd line, and whether the line's options leave the image unchanged."""
     is_plain = True
     while words.startswith("-"):
         option, _, words = words.partition(" ")
@@ -330,7 +340,7 @@ def _strip_options(words: str) -> tuple[str, bool]:
 
 
 def _decode_line(line: bytes) -> str:
-    """Return a line as text: UTF-8, or Latin-1 if it is not valid UTF-8."""
+    """Return a line as text: decoded as UTF-8, or as Latin-1 if it is not valid UTF-8."""
     try:
         text = line.decode()
     except UnicodeDecodeError:

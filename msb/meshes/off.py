@@ -27,7 +27,7 @@ _LINE = re.compile(rb"[^\n]*\n?")
 
 @dataclass(frozen=True)
 class _Header:
-    """The parsed header; `body` is the offset of the first byte after it."""
+    """The parsed header. The field `body` is the offset of the first byte after the header."""
 
     prefixes: frozenset[str]
     vertices: int
@@ -35,7 +35,7 @@ class _Header:
     body: int
 
 
-# Names of the vertex data that a prefix of "OFF" declares, and that is not read.
+# Names of unread vertex data, by the prefix of "OFF" that declares the data.
 _LEFT_OUT = {"N": "normals", "ST": "UVs"}
 
 
@@ -43,7 +43,7 @@ def read(source: Source) -> Mesh:
     """Read an OFF file with any of the prefixes ST, C and N. Vertices are float64.
 
     A COFF file may have colours at its faces instead of its vertices. The exporter of Triangle-Splatting
-    writes such files. Face colours are kept if all faces have the same number of channels.
+    writes COFF files with face colours. Face colours are kept if all faces have the same number of channels.
     """
     if _BINARY.match(source.data):
         raise source.error("MESH_FILE_UNSUPPORTED", "binary OFF is not supported; save the file as text")
@@ -80,7 +80,7 @@ def read(source: Source) -> Mesh:
 
 
 def _hash_unread(table: Table, header: _Header) -> NDArray[np.uint32] | None:
-    """Return the seam keys (V,) of the normals and texture coordinates, or None without any."""
+    """Return the seam keys (V,) from normals and texture coordinates, or None if a file has neither."""
     before, after = 3 * ("N" in header.prefixes), 2 * ("ST" in header.prefixes)
     if not (before or after) or not header.vertices:
         return None
@@ -90,9 +90,12 @@ def _hash_unread(table: Table, header: _Header) -> NDArray[np.uint32] | None:
 
 
 def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
-    """Write OFF, or COFF if vertices have colours. Face colours follow the indices.
+    """Write an OFF file, or a COFF file if vertices have colours.
 
-    Coordinates read back exactly. uint8 colours are written as integers, float32 colours as decimals.
+    Face colours follow the vertex indices of a face.
+
+    Coordinates are exact when the file is read again. uint8 colours are written as integers, float32 colours
+    as decimals.
     """
     keyword = "OFF" if mesh.vertex_colors is None else "COFF"
     stream.write(f"{keyword}\n{len(mesh.vertices)} {len(mesh.faces)} 0\n".encode("ascii"))
@@ -101,7 +104,10 @@ def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
 
 
 def _append_colors(form: str, columns: NDArray[Any], colors: NDArray[Any] | None) -> tuple[str, NDArray[Any]]:
-    """Return the line format and the columns (N, K) after appending `colors` (N, 3 | 4) to both."""
+    """Append `colors` (N, 3 | 4) to the line format and to the columns (N, K).
+
+    Return the format and the columns.
+    """
     if colors is None:
         return form, columns
     conversion = " %d" if colors.dtype == np.uint8 else " %r"
@@ -117,7 +123,7 @@ def _split_lines(data: bytes) -> Iterator[tuple[bytes, int]]:
 
 
 def _read_header(text: Source) -> _Header:
-    """Read the keyword and the counts. The counts are on the same line or on the next line."""
+    """Read the keyword and the counts of the header. The counts are on the same line or on the next line."""
     lines = _split_lines(text.data)
     content, end = next(lines, (b"", 0))
     prefixes, words = _read_keyword(text, content)
@@ -128,7 +134,7 @@ def _read_header(text: Source) -> _Header:
     counts = _COUNTS.fullmatch(words)
     if counts is None:
         message = f"the counts are '{shorten(words.decode('latin-1'))}'; "
-        message += "they must be 'VERTICES FACES EDGES', as non-negative whole numbers"
+        message += "the counts must be 'VERTICES FACES EDGES', as non-negative whole numbers"
         raise text.line_error("MESH_FILE_INVALID", end - 1, message)
     return _Header(prefixes, int(counts[1]), int(counts[2]), end)
 
@@ -141,13 +147,13 @@ def _read_keyword(text: Source, content: bytes) -> tuple[frozenset[str], bytes]:
     prefixes = frozenset(_PREFIXES.findall(keyword[1].decode("ascii")))
     if prefixes & {"4", "n"}:
         name = keyword[1].decode("ascii") + "OFF"
-        message = f"{name} files have vertices that are not 3-dimensional, which is not supported"
+        message = f"{name} files have vertices that are not three-dimensional, which is not supported"
         raise text.error("MESH_FILE_UNSUPPORTED", message)
     return prefixes, keyword[2].strip()
 
 
 def _read_vertices(table: Table, header: _Header) -> tuple[NDArray[np.float64], NDArray[Any] | None]:
-    """Return the vertices (V, 3) and their colours, or None if there are no colours.
+    """Return the vertices (V, 3) and their colours. Without colours, the second value is None.
 
     A line has the position, then the optional normal, colour and texture coordinates.
     """
@@ -203,7 +209,7 @@ def _read_faces(
 def _read_colors(table: Table, places: NDArray[np.int64]) -> NDArray[Any]:
     """Return the colours at `places` (N, 3 | 4).
 
-    As in Geomview, integers range from 0 to 255, and decimals from 0 to 1.
+    As in Geomview, integer colours range from 0 to 255, and decimal colours from 0 to 1.
     """
     values = table.values[places]
     if table.has_fraction[places].any():

@@ -1,7 +1,7 @@
-"""The placement of a mesh in a file: turned upright, in metres, and on the floor, with the way back.
+"""The placement of a mesh in a file: the rotation, the scale to metres, and the height above the floor.
 
-A file that was turned carries the placement, so that reading it gives the frame of the capture again, in
-which the cameras of the capture show it.
+A rotated file records the placement. Reading the file restores the coordinates of the capture, which match
+the cameras of the capture.
 """
 
 from __future__ import annotations
@@ -20,20 +20,21 @@ from msb.errors import MsbError
 from msb.meshes.mesh import Mesh
 from msb.meshes.transform import rotate_axis, rotate_upright
 
-# Words that mark the placement in comments of text files, before its JSON.
+# Words before the JSON of a placement in comments of text files.
 MARK = "MeshSplatBench frame"
-# Name of the placement in `asset.extras` of glTF and in the layer data of USD.
+# Key of the placement in `asset.extras` of glTF and in the layer data of USD.
 KEY = "frame"
 _COMMENT = re.compile(rb"^(?:#|comment) " + MARK.encode() + rb" (\{[^\r\n]{1,2000}\})\r?$", re.MULTILINE)
 # Bytes at the start of a text file that are searched for the comment.
 _MOST_BYTES = 1 << 14
-# Largest magnitude of an entry of R R^T - I, for the rotation R of a placement.
+# Largest magnitude of an entry of R R^T - I for a valid rotation matrix R.
 _MAX_ERROR = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Where a mesh lies in a file: file = scale * rotation @ capture + offset, for column vectors.
+    """This placement maps the capture to the file by file = scale * rotation @ capture + offset, for column
+    vectors.
 
     Attributes
     ----------
@@ -44,7 +45,7 @@ class Placement:
     up : str, optional
         The axis of the capture that points up; None if unknown.
     frame : Frame, optional
-        What is known about the frame of the capture.
+        The known parts of the capture's frame.
     """
 
     rotation: NDArray[np.float64]
@@ -68,15 +69,16 @@ class Placement:
 
     @property
     def comment(self) -> str:
-        """The line of a comment that records the placement, without the characters that begin a comment."""
+        """The text of a comment line that records the placement, without the comment characters."""
         return f"{MARK} {json.dumps(self.to_json(), separators=(',', ':'))}"
 
 
 def place(mesh: Mesh, *, is_upright: bool) -> Mesh:
-    """Return a mesh as a file holds it: in metres if its unit is known, and upright with `is_upright`.
+    """Return a mesh in the form for a file.
 
-    `mesh` is in the frame of the capture. The result has `placement` if it differs from `mesh`, or if there
-    is a unit to record.
+    The mesh is in metres if its unit is known. If `is_upright`, +y is up. The argument `mesh` is in the
+    coordinates of the capture. The written mesh has a `placement` if it differs from `mesh`, or if a unit is
+    recorded.
     """
     frame = mesh.frame or Frame()
     up = frame.up if frame.up is not None else (None if mesh.up is None else parse_up(mesh.up))
@@ -84,13 +86,14 @@ def place(mesh: Mesh, *, is_upright: bool) -> Mesh:
     scale = frame.meters_per_unit or 1.0
     offset = np.zeros(3)
     if frame.floor is not None and up is not None:
-        # The floor moves along up in the file, which is +y if the mesh is turned.
+        # The floor moves along the up direction of the file, which is +y if the mesh is rotated.
         offset = -scale * frame.floor * np.array((0.0, 1.0, 0.0) if rotates else up)
     if mesh.frame is None and (not rotates or mesh.up == "+y"):
         return mesh
     axis = mesh.up if up is None else nearest_axis(up)
     if rotates and up is not None:
-        # Axes are swapped and negated, which is exact; other directions take the shortest rotation.
+        # An axis only swaps and negates coordinates, which is exact. Directions other than axes use the
+        # smallest rotation.
         columns = rotate_axis(np.eye(3), axis or "+y") if is_axis(up) else _rotate_to_y(np.array(up)).T
         rotation = np.ascontiguousarray(columns.T)
     else:
@@ -108,7 +111,7 @@ def place(mesh: Mesh, *, is_upright: bool) -> Mesh:
 
 
 def _rotate_to_y(up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the smallest rotation (3, 3) that turns the unit vector `up` to +y."""
+    """Return the smallest rotation matrix (3, 3) that maps the unit vector `up` to +y."""
     if up[1] < -1 + 1e-12:
         return np.diag([1.0, -1.0, -1.0])
     x, y, z = np.cross(up, (0.0, 1.0, 0.0))
@@ -117,9 +120,9 @@ def _rotate_to_y(up: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def take_back(mesh: Mesh, data: Any) -> Mesh:
-    """Return a mesh that was read, in the frame of the capture that the JSON `data` of its file records.
+    """Return a mesh in the coordinates of the capture. The file's JSON `data` records these coordinates.
 
-    Invalid data are ignored, because they may come from anywhere.
+    Invalid placement data is ignored, because any program may have written it.
     """
     placement = _parse(data)
     if placement is None:
@@ -133,7 +136,7 @@ def take_back(mesh: Mesh, data: Any) -> Mesh:
     else:
         moved = (mesh.vertices.astype(np.float64) - offset) @ (rotation / scale)
         vertices = moved.astype(mesh.vertices.dtype)
-    # An axis is named by `up`; the frame holds what it cannot.
+    # The field `up` stores an up axis. The frame stores any other up direction.
     frame = placement.frame or Frame()
     frame = replace(frame, up=None) if frame.up is not None and is_axis(frame.up) else frame
     known = None if frame == Frame() else frame
@@ -152,7 +155,7 @@ def find_comment(data: bytes) -> Any:
 
 
 def _parse(data: Any) -> Placement | None:
-    """Return the placement in JSON data; None if it is invalid."""
+    """Return the placement that JSON data describes. Return None if the data is invalid."""
     try:
         matrix = np.array(data["matrix"], np.float64).reshape(4, 4)
         up, unit, floor = data["up"], data["meters_per_unit"], data["floor"]

@@ -1,4 +1,4 @@
-"""PLY: the Stanford polygon format, as text and as binary in both byte orders."""
+"""The Stanford polygon format PLY, as text and as binary in both byte orders."""
 
 import re
 from typing import Any, BinaryIO
@@ -26,15 +26,15 @@ _COLOR_NAMES = (
 _READ = {"x", "y", "z", *_INDEX_NAMES, *(name for names in _COLOR_NAMES for name in names)}
 _MAX_INT = 2**31 - 1
 _UVS = ("s", "t", "u", "v", "texture_u", "texture_v", "texcoord", "texnumber")
-# Names of the data that unread properties belong to.
+# Names of unread data, by the properties that belong to them.
 _KNOWN = {"nx": "normals", "ny": "normals", "nz": "normals", **dict.fromkeys(_UVS, "UVs")}
 
 
 def read(source: Source) -> Mesh:
-    """Read the vertex and face elements; other elements and properties are skipped.
+    """Read the vertex and face elements. Other elements and properties are skipped.
 
     Vertices are float32 if a binary file stores x, y and z as float, else float64. Text is always read as
-    float64 and keeps all digits, whatever type the header declares.
+    float64 and keeps all digits, independent of the declared type.
     """
     header = read_header(source)
     _check_elements(source, header)
@@ -77,7 +77,7 @@ def read(source: Source) -> Mesh:
 def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
     """Write binary little-endian PLY. Vertices and colours keep their number types.
 
-    Indices are `int`, which every reader supports, unless there are too many vertices for it.
+    Indices are `int`, which every reader supports, unless there are too many vertices.
     """
     coordinate = "double" if mesh.vertices.dtype == np.float64 else "float"
     index = "int" if len(mesh.vertices) <= _MAX_INT else "uint"
@@ -105,9 +105,9 @@ def _declare_colors(colors: NDArray[Any] | None) -> list[str]:
 def _write_records(
     stream: BinaryIO, count: int | None, values: NDArray[Any], kind: str, colors: NDArray[Any] | None
 ) -> None:
-    """Write N binary rows.
+    """Write all rows in binary form.
 
-    A row has the list count unless it is None, then `values` (N, 3), then `colors` (N, 3 | 4).
+    A row has the list count, then `values` (N, 3), then `colors` (N, 3 | 4). A count of None is omitted.
     """
     fields: list[tuple[Any, ...]] = [("values", kind, 3)]
     if count is not None:
@@ -126,7 +126,10 @@ def _write_records(
 
 
 def _hash_unread(vertices: Rows, body: Body, read: set[str]) -> NDArray[np.uint32] | None:
-    """Return the seam keys (V,) of the vertex properties that are not in `read`, or None without any."""
+    """Return the seam keys (V,) from the vertex properties that are not in `read`.
+
+    Return None if all properties are in `read`.
+    """
     names = [
         entry.name for entry in vertices.element.properties if entry.name not in read and not entry.count_type
     ]
@@ -166,7 +169,7 @@ def _check_elements(source: Source, header: Header) -> None:
 
 
 def _find_index_list(face: Element) -> str:
-    """Return the name of the list of vertex indices, or "" if there is none."""
+    """Return the name of the list of vertex indices. Return "" if there is no such list."""
     for name in _INDEX_NAMES:
         property_ = face.find(name)
         if property_ is not None and property_.count_type and np.dtype(property_.type).kind in "iu":
@@ -189,7 +192,7 @@ def _read_colors(rows: Rows, body: Body) -> NDArray[Any] | None:
             continue
         width = 3 if channels[3] is None or channels[3].count_type else 4
         values = np.stack([body.column(rows, name) for name in names[:width]], axis=1)
-        # Text was parsed as float64. Convert it to the declared integer type.
+        # Numbers in text were parsed as float64. Convert the numbers to the declared integer type.
         declared = np.result_type(*(channel.type for channel in channels[:width] if channel))
         if values.dtype.kind == "f" and declared.kind != "f":
             values = np.clip(np.nan_to_num(values), 0, np.iinfo(declared).max).astype(declared)

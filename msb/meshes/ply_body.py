@@ -1,8 +1,8 @@
-"""Find the rows of each element in the body of a PLY file, and read a property of all rows at once.
+"""Finds the rows of each element in the body of a PLY file, and reads a property of all rows at once.
 
 Offsets count bytes in a binary body and numbers in a text body. The properties of a row follow each other
-without gaps. The offset of a property is therefore the offset of its row plus the widths of the properties
-before it. It is computed for all rows at once.
+without gaps. The offset of a property is the offset of its row plus the widths of the properties before it.
+The offsets of a property are computed for all rows at once.
 """
 
 import struct
@@ -22,7 +22,7 @@ from msb.meshes.text import Table, read_table
 
 @dataclass(frozen=True)
 class Rows:
-    """The rows of `element`; `place` (N,) int64 is the offset of each row in the body."""
+    """The rows of `element`. The field `place` (N,) int64 is the offset of each row in the body."""
 
     element: Element
     place: NDArray[np.int64]
@@ -43,8 +43,8 @@ class Body(Protocol):
     def _after(self, place: NDArray[np.int64], wanted: Property) -> NDArray[np.int64]:
         """Return the offset (N,) after a property at offset `place` (N,).
 
-        An invalid list length in a text body gives an offset beyond the table, so that `next_rows` rejects
-        the row.
+        In a text body, an invalid list length gives an offset beyond the table. `next_rows` then rejects the
+        row.
         """
 
     def next_rows(self, element: Element) -> Rows:
@@ -63,15 +63,15 @@ class Body(Protocol):
         """Return the lengths (N,) and the concatenated numbers (C,) of a list property."""
 
     def wrong_face(self, rows: Rows, row: int, index: int, vertices: int) -> str | None:
-        """Return the text of `Mesh.wrong_face` for a row with the invalid vertex `index`.
+        """Return the text for `Mesh.wrong_face` about the row with the invalid vertex `index`.
 
-        The result is None for binary files, because they have no line numbers.
+        The result is None for binary files, because binary files have no line numbers.
         """
         return None
 
 
 def open_body(source: Source, header: Header) -> Body:
-    """Return the body after `header`."""
+    """Return the body that follows `header`."""
     if header.order:
         return _BinaryBody(source, header)
     return _TextBody(source, header)
@@ -139,16 +139,14 @@ class _BinaryBody(Body):
         data = self._source.data
         if not place.size:
             return np.zeros(0, dtype=kind)
-        # Create a view in which every byte of the file starts a value, and pick the values at `place`.
+        # Create a view in which every byte of the file starts a value, and select the values at `place`.
         overlapping = np.ndarray((len(data) - width + 1,), self._order + kind, data, strides=(1,))
         return overlapping[place].astype(kind)
 
     def _common_row_size(self, element: Element) -> int | None:
-        """Return the size of a row in bytes if all rows have lists of the same lengths as the first row, else
-        None.
-        """
+        """Return the size of a row in bytes if all rows have equal list lengths, else None."""
         data, start, at = self._source.data, self._at, self._at
-        # Measure the first row: offset, length and count type of its lists.
+        # Measure the first row: the offset, length and count type of its lists.
         lists: list[tuple[int, int, str]] = []
         for entry in element.properties:
             if not entry.count_type:
@@ -192,7 +190,7 @@ class _BinaryBody(Body):
         return np.array(places, dtype=np.int64)
 
     def _short(self, element: Element, row: int) -> MeshFileError:
-        """Return the error that the file ends within a row."""
+        """Return the error for a file that ends within a row."""
         text = f"the file ends in row {row} of the {element.count} rows of {element}"
         return self._source.error("MESH_FILE_TRUNCATED", text)
 
@@ -274,8 +272,8 @@ def _width(kind: str) -> int:
 def _describe_rows(element: Element, order: str) -> tuple[list[tuple[int, struct.Struct, int]], int]:
     """Return the layout of a row: its lists, and the bytes after the last list.
 
-    The layout of a list has three entries: the number of bytes before it, the struct of its count, and the
-    bytes per item.
+    The layout of a list has three entries. The entries are the number of preceding bytes, the struct of the
+    count, and the bytes per item.
     """
     lists, gap = [], 0
     for entry in element.properties:

@@ -18,14 +18,14 @@ _NAMES = {
     "f4": "float float32",
     "f8": "double float64",
 }
-# NumPy types, without byte order, of the type names in both styles ("uchar" and "uint8").
+# NumPy types, without byte order, by type names of both styles ("uchar" and "uint8").
 TYPES = {name: kind for kind, names in _NAMES.items() for name in names.split()}
 
-# NumPy byte orders of the formats. Text has none.
+# NumPy byte orders, by PLY format. Text has none.
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
-# Largest header in bytes. Real headers have a few thousand bytes. The limit ends the search if "end_header"
-# is missing.
+# Largest header in bytes. Usual headers have a few thousand bytes. The size limit ends the search if
+# "end_header" is missing.
 MAX_HEADER_BYTES = 1 << 20
 
 _COUNT = re.compile(r"\d{1,18}")
@@ -35,7 +35,8 @@ _COUNT = re.compile(r"\d{1,18}")
 class Property:
     """A property.
 
-    `type` is a value of `TYPES`. `count_type` is also a value of `TYPES` for a list, and empty for a scalar.
+    The field `type` is a value of `TYPES`. The field `count_type` is a value of `TYPES` for a list, and empty
+    for a scalar.
     """
 
     name: str
@@ -63,8 +64,9 @@ class Element:
 class Header:
     """The parsed header.
 
-    `order` is a value of `FORMATS`. `body` is the offset of the body in bytes. `images` has the names of the
-    texture images in comments, and `comments` the other comments.
+    The field `order` is a value of `FORMATS`. The field `body` is the offset of the body in the file, in
+    bytes. The field `images` has the names of texture images in comments. The field `comments` has all other
+    comments.
     """
 
     order: str
@@ -102,7 +104,7 @@ def read_header(source: Source) -> Header:
             case ["property", *rest] if elements:
                 elements[-1].properties.append(_read_property(source, where, rest))
             case _:
-                text = f"'{shorten(line)}' is not a header line, or is in the wrong place"
+                text = f"'{shorten(line)}' is not a header line, or is at a wrong place"
                 raise source.error("MESH_FILE_INVALID", text, pointer=where)
     if order is None:
         text = "the header has no line 'format ascii 1.0' or 'format binary_little_endian 1.0'"
@@ -154,7 +156,10 @@ def _read_element(source: Source, where: str, name: str, count: str) -> Element:
 
 
 def _read_property(source: Source, where: str, words: list[str]) -> Property:
-    """Return the property that a header line declares; `words` follow after "property"."""
+    """Return the property that a header line declares.
+
+    The argument `words` has the words after "property".
+    """
     match words:
         case ["list", count_type, kind, name]:
             names = [count_type, kind]

@@ -1,4 +1,4 @@
-"""Read PLY files with tables of numbers. Splatting methods store their primitives in such files."""
+"""Reads PLY files that are tables of numbers. Splatting methods store their primitives in such tables."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from msb.meshes.source import Source
 
 @dataclass(frozen=True, eq=False)
 class PlyTable:
-    """The `count` rows of an element; `names` are its properties in file order."""
+    """The `count` rows of an element. The field `names` has the names of its properties in file order."""
 
     count: int
     names: tuple[str, ...]
@@ -26,13 +26,13 @@ class PlyTable:
     def columns(self, names: Sequence[str]) -> NDArray[np.float32]:
         """Return the properties `names` as a new (count, len(names)) float32 array."""
         values = np.zeros((self.count, len(names)), np.float32)
-        with np.errstate(over="ignore"):  # callers reject infinite values
+        with np.errstate(over="ignore"):  # Callers reject infinite values.
             for number, name in enumerate(names):
                 values[:, number] = self._columns[name]
         return values
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return the property `name` (count,) in the type of the file; float64 for a text file."""
+        """Return the property `name` (count,) in the type of the file. Return float64 for a text file."""
         return self._columns[name]
 
 
@@ -56,13 +56,13 @@ def read_ply_table(path: Path) -> PlyTable:
     if [name for name, table in tables.items() if table.count] != ["vertex"]:
         raise source.error(
             "MESH_FILE_INVALID",
-            "the file is not a table; only element 'vertex' may have rows, and they must not have lists",
+            "the file is not a table; only element 'vertex' may have rows, and it must not have lists",
         )
     return tables["vertex"]
 
 
 def read_ply_tables(path: Path) -> tuple[dict[str, PlyTable], tuple[str, ...]]:
-    """Return the elements of a PLY file without lists as tables by name, and the comments of its header."""
+    """Return the elements of a PLY file without lists as tables by name, and the header's comments."""
     tables, header, _ = _read_tables(path)
     return tables, header.comments
 
@@ -74,7 +74,7 @@ def _read_tables(path: Path) -> tuple[dict[str, PlyTable], Header, Source]:
             raise source.error("MESH_FILE_INVALID", f"the file is not a table; {element} has lists")
     if not header.order:
         return _read_text(Source(str(path), bytes(data)), header), header, source
-    # Binary tables: rows of structured types, one element after the other from the end of the header.
+    # Binary tables are rows of structured types, one element after the other, after the header.
     tables, start = {}, header.body
     for element in header.elements:
         row = np.dtype([(f"{i}", header.order + entry.type) for i, entry in enumerate(element.properties)])
@@ -83,7 +83,7 @@ def _read_tables(path: Path) -> tuple[dict[str, PlyTable], Header, Source]:
             text = f"{element} has {element.count} rows of {row.itemsize} bytes, "
             text += f"but only {available} bytes are left"
             raise source.error("MESH_FILE_TRUNCATED", text, pointer=f"byte {start}")
-        # A type without properties has no size, and NumPy reads no rows of it.
+        # A type without properties has no size, so that NumPy reads no rows.
         count = element.count if row.itemsize else 0
         table = np.frombuffer(data, row, count, start) if count else np.zeros(0, row)
         names = tuple(entry.name for entry in element.properties)
@@ -110,7 +110,7 @@ def _read_text(source: Source, header: Header) -> dict[str, PlyTable]:
 
 
 def _open(path: Path) -> tuple[memoryview, Header, Source]:
-    """Map a PLY file; return its bytes, its header, and the source for errors."""
+    """Map a PLY file into memory. Return its bytes, its header, and the source for errors."""
     data = memoryview(map_file(Path(path)))
     source = Source(str(path), bytes(data[: MAX_HEADER_BYTES + 1]))
     if not data:

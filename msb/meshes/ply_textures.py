@@ -1,4 +1,7 @@
-"""Textures of PLY files by OpenMVS and MeshLab. Comments name the images; vertices or faces have UVs."""
+"""Reads textures of PLY files.
+
+In PLY files by OpenMVS and MeshLab, comments name the images, and vertices or faces have UVs.
+"""
 
 from dataclasses import replace
 
@@ -15,7 +18,8 @@ from msb.meshes.ply_header import Element, Header
 from msb.meshes.polygons import Triangulation
 from msb.meshes.source import Source
 
-# Property names: the texture coordinates of a vertex, and the coordinate list and image number of a face.
+# Names of properties: the texture coordinates of a vertex, and the coordinate list and image number of a
+# face.
 _PAIRS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
 _LIST, _NUMBER = "texcoord", "texnumber"
 _WHITE = np.full((1, 1, 3), 255, np.uint8)
@@ -42,9 +46,10 @@ def with_textures(
 ) -> Mesh:
     """Return `mesh` with its texture coordinates, and with the `images` that its header names.
 
-    `rows` are the rows of vertices and of faces. `counts` (N,) are the numbers of corners of the polygons,
-    and `cut` has their triangles. In the file, v points upwards. A face without texture coordinates is white.
-    Images that cannot be read become white, and `left_out` names them.
+    The argument `rows` contains the rows of the elements for vertices and faces. The argument `counts` (N,)
+    is the number of corners of each polygon. The argument `cut` contains the triangles of the polygons. In a
+    PLY file, v points upwards. A face without texture coordinates is white. Images that cannot be read become
+    white and are listed in `left_out`.
     """
     vertices, faces = rows
     pair = _find_pair(vertices.element)
@@ -67,7 +72,7 @@ def with_textures(
 
 
 def _name_images(mesh: Mesh, images: tuple[str, ...], reason: str) -> Mesh:
-    """Return `mesh` with the names of images that are not read."""
+    """Return `mesh` with the names of unread images in `left_out`."""
     names = (describe_lost_image(name, reason) for name in images)
     return replace(mesh, left_out=(*mesh.left_out, *names))
 
@@ -79,7 +84,7 @@ def _has_list(faces: Element) -> bool:
 
 
 def _find_pair(vertices: Element) -> tuple[str, str] | None:
-    """Return the names of the texture coordinates of vertices, or None without any."""
+    """Return the names of the texture coordinates of vertices, or None if there are none."""
     found = {entry.name for entry in vertices.properties if not entry.count_type}
     return next((pair for pair in _PAIRS if set(pair) <= found), None)
 
@@ -94,7 +99,7 @@ def _turn(uvs: NDArray[np.generic]) -> NDArray[np.float32]:
 def _read_numbers(body: Body, faces: Rows, images: int) -> NDArray[np.int64]:
     """Return the number (N,) of the image of each polygon.
 
-    An invalid number becomes `images`, the number of images.
+    An invalid image number is replaced by `images`, the number of images.
     """
     entry = faces.element.find(_NUMBER)
     if images == 1 or entry is None or entry.count_type:
@@ -104,7 +109,10 @@ def _read_numbers(body: Body, faces: Rows, images: int) -> NDArray[np.int64]:
 
 
 def _with_images(mesh: Mesh, source: Source, images: tuple[str, ...], numbers: NDArray[np.int64]) -> Mesh:
-    """Return `mesh` with the images that its faces use. `numbers` (F,) are the image numbers of the faces."""
+    """Return `mesh` with the images that its faces use.
+
+    The argument `numbers` (F,) contains the image numbers of the faces.
+    """
     used, of_face = np.unique(numbers, return_inverse=True)
     if len(used) > MAX_TEXTURES:
         text = f"the file has {len(used)} textures; at most {MAX_TEXTURES} are supported"

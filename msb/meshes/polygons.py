@@ -1,4 +1,4 @@
-"""Split polygons into triangles, and join the faces of several parts."""
+"""Splits polygons into triangles, and joins the faces of several parts."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -7,18 +7,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# A fan triangle is turned over if its negative area exceeds this share of the area of the polygon. Rounded
+# A fan triangle is reversed if its negative area exceeds this share of the area of the polygon. Rounded
 # coordinates of a convex polygon cause smaller negative areas.
 _AREA_TOLERANCE = 1e-6
-# The rounding error of areas for float32 coordinates, relative to the squared size of a polygon.
+# Rounding error of areas for float32 coordinates, relative to the squared size of a polygon.
 _ROUNDING = 4e-7
-# Limit for cutting ears. The squared numbers of corners of all polygons are added up. The limit of the sum is
-# a fixed number, plus a number for each corner of the file. Polygons beyond the limit become fans. In a small
-# file, outlines of up to 2,048 corners are cut, which takes a second.
+# Limit of the work for cutting ears. The work is the sum of the squared numbers of corners of all polygons.
+# The limit is `_WORK` plus `_WORK_PER_CORNER` for each polygon corner of the file. Polygons beyond the limit
+# become triangle fans. In a small file, outlines of up to 2,048 corners are triangulated, which takes a
+# second.
 _WORK, _WORK_PER_CORNER = 1 << 22, 64
-# Elements of the arrays (polygons, corners) that are processed at a time.
+# Number of array elements (polygons x corners) that are processed at a time.
 _CELLS_AT_A_TIME = 1 << 20
-# Score of a corner that is not an ear, and of a corner that has been removed.
+# Score of a corner that is not an ear, and score of a removed corner.
 _NO_EAR, _GONE = -1.0, -2.0
 
 Floats = NDArray[np.float64]
@@ -28,12 +29,12 @@ Point = tuple[Floats, Floats]
 
 @dataclass(frozen=True)
 class Triangulation:
-    """The triangles of polygons whose corners are stored one after the other.
+    """The triangles of polygons, whose corners are stored one after the other.
 
     Attributes
     ----------
     order : (F, 3) int64
-        The places of the triangle's corners among all corners. Triangles are in the order of the polygons.
+        The positions of the triangle's corners among all corners. Triangles are in the order of the polygons.
     polygon : (F,) int64
         The polygon of each triangle.
     uncut : int
@@ -47,7 +48,7 @@ class Triangulation:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """The entries for `Mesh.left_out`."""
+        """The entries for `Mesh.left_out`, the list of ignored data."""
         if not self.uncut:
             return ()
         what = (
@@ -61,19 +62,20 @@ class Triangulation:
 def triangulate(points: NDArray[Any], corners: NDArray[np.int64], counts: NDArray[np.int64]) -> Triangulation:
     """Split every polygon into triangles, without new vertices.
 
-    `points` (V, 3) are the vertices. `corners` (C,) are the concatenated vertex indices of all polygons.
-    `counts` (N,) is the number of corners of each polygon. A polygon with n corners gives n - 2 triangles.
-    Polygons with fewer than three corners are dropped.
+    The argument `points` (V, 3) contains the vertices. The argument `corners` (C,) contains the concatenated
+    vertex indices of all polygons. The argument `counts` (N,) is the number of corners of each polygon. A
+    polygon with n corners gives n - 2 triangles. Polygons with fewer than three corners are dropped.
 
-    Usually a polygon becomes the triangle fan (0, 1, 2), (0, 2, 3), ... around its first corner. In the fan
-    of a convex polygon no triangle is turned over. If a triangle is turned over, the ears of the polygon are
-    cut, in the projection along its normal by Newell's method. A polygon that crosses itself stays a fan. A
-    polygon with invalid vertices also stays a fan.
+    Usually a polygon becomes the triangle fan (0, 1, 2), (0, 2, 3), ... around its first corner. The fan of a
+    convex polygon has no reversed triangle. If a fan triangle is reversed, the polygon is cut by removing
+    ears. The polygon is first projected along its normal, computed by Newell's method. A polygon that crosses
+    itself stays a fan. A polygon with invalid vertices also stays a fan.
     """
     order, polygon = _make_fans(counts)
     if np.all(counts <= 3):
         return Triangulation(order, polygon)
-    # Find the polygons whose fans overlap. Polygons with the same number of corners are examined together.
+    # Find the polygons with overlapping fan triangles. Polygons with the same number of corners are examined
+    # together.
     first = np.cumsum(counts) - counts
     concave, uncut = [np.zeros(0, np.int64)], 0
     by_size = np.argsort(counts, kind="stable")
@@ -85,7 +87,8 @@ def triangulate(points: NDArray[Any], corners: NDArray[np.int64], counts: NDArra
             is_turned, is_covered = _judge_fans(_gather(points, corners, first[part], counts[part], size))
             concave.append(part[is_turned & ~is_covered])
             uncut += int(np.count_nonzero(is_covered))
-    # Cut the smallest polygons first, as far as the work is limited. Their triangles replace the fans.
+    # Cut the smallest polygons first, until the limit of the work is reached. The resulting ears replace the
+    # fans.
     chosen = np.concatenate(concave)
     row = np.cumsum(np.maximum(counts - 2, 0)) - np.maximum(counts - 2, 0)
     uncut += len(chosen)
@@ -106,14 +109,12 @@ def fan_triangulate(corners: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _make_fans(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the fans of all polygons: the places of their corners (F, 3), and the polygon (F,) of each
-    triangle.
-    """
+    """Return the fans of all polygons: the corner positions (F, 3), and the polygon (F,) of each triangle."""
     if np.all(counts == 3):
         return np.arange(3 * len(counts)).reshape(-1, 3), np.arange(len(counts))
     triangles = np.maximum(counts - 2, 0)
     polygon = np.repeat(np.arange(len(counts)), triangles)
-    # first, second (F,): the places of the first corner and the second corner of each triangle.
+    # first, second (F,): the positions of the first corner and the second corner of each triangle.
     first = (np.cumsum(counts) - counts)[polygon]
     second = first + 1 + concatenate_ranges(triangles)
     return np.stack((first, second, second + 1), axis=1), polygon
@@ -126,10 +127,10 @@ def _gather(
     counts: NDArray[np.int64],
     width: int,
 ) -> Floats:
-    """Return x, y and z (3, P, `width`) of polygons relative to their first corner, scaled to a size of 1.
+    """Return x, y and z (3, P, `width`) of polygons relative to their first corner.
 
-    `first` (P,) are the places of the first corners. Shorter polygons are padded with their last corner.
-    Invalid vertices are NaN.
+    The polygons are scaled to a size of 1. The argument `first` (P,) contains the positions of the first
+    corners. Shorter polygons are padded with their last corner. Invalid vertices have NaN coordinates.
     """
     rows = corners[first[:, None] + np.minimum(np.arange(width), counts[:, None] - 1)]
     wrong = (rows < 0) | (rows >= len(points))
@@ -150,26 +151,26 @@ def _cross(a: Floats, b: Floats) -> Floats:
 
 
 def _judge_fans(placed: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return two masks (P,) of polygons (3, P, n) whose fans overlap.
+    """Return two masks (P,) of polygons (3, P, n) with overlapping fan triangles.
 
-    The first mask selects polygons with turned-over triangles in their fans. Ears can be cut from them. The
-    second mask selects polygons that cross themselves.
+    The first mask selects polygons whose fans have reversed triangles. Ears can be cut from polygons with
+    reversed triangles. The second mask selects polygons that cross themselves.
     """
     with np.errstate(all="ignore"):
-        # across (3, P, n - 2): twice the area of each fan triangle, along its normal. The sum over a polygon
-        # is its normal by Newell's method.
+        # Compute `across` (3, P, n - 2), twice the area of each fan triangle along its normal. The sum over
+        # the triangles is the normal of the polygon by Newell's method.
         a, b = placed[..., 1:-1], placed[..., 2:]
         across = _cross(a, b)
         normal = across.sum(axis=2)
         area = np.sqrt((normal**2).sum(axis=0))
-        # A triangle is turned over if its normal points the other way.
+        # A triangle is reversed if its normal points the other way.
         unit = normal / np.where(area > 0, area, 1)
         is_turned = (across * unit[..., None]).sum(axis=0).min(axis=1) < -_AREA_TOLERANCE * area - _ROUNDING
-        # A polygon without a normal has triangles that cancel each other, or no area at all.
+        # A polygon without a normal has no area, or its triangles cancel each other.
         length = np.sqrt((across**2).sum(axis=0))
         total = length.sum(axis=1)
         is_covered = (area < _AREA_TOLERANCE * total) & (total > _ROUNDING)
-        # A fan also covers itself if its angles at the first corner exceed a full turn.
+        # A fan also overlaps itself if its angles at the first corner exceed a full turn.
         if placed.shape[2] > 4:
             angle = np.arctan2(length, (a * b).sum(axis=0)).sum(axis=1)
             is_covered |= ~is_turned & (angle > 2 * np.pi + _AREA_TOLERANCE) & (total > _ROUNDING)
@@ -179,10 +180,10 @@ def _judge_fans(placed: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 def _make_batches(
     concave: NDArray[np.int64], counts: NDArray[np.int64], work: int
 ) -> Iterator[tuple[NDArray[np.int64], int]]:
-    """Yield groups of the polygons `concave` (P,), and a width.
+    """Yield groups of the polygons `concave` (P,), each with a width.
 
-    No polygon of a group has more corners than its width. Small polygons come first. Polygons beyond the
-    limit `work` are not in any group.
+    No polygon of a group has more corners than the width of the group. Small polygons come first. Polygons
+    beyond the limit `work` are not in any group.
     """
     by_size = np.argsort(counts, kind="stable")
     width = 1 << np.ceil(np.log2(counts[by_size])).astype(np.int64)
@@ -197,13 +198,14 @@ def _make_batches(
 def _project(placed: Floats) -> tuple[Floats, Floats]:
     """Return two of three coordinates, each (P, M), of polygons (3, P, M).
 
-    In these the polygons are counter-clockwise. The axis along which the normal is largest is dropped.
+    The returned polygons are counter-clockwise. The coordinate axis with the largest component of the normal
+    is dropped.
     """
     normal = _cross(placed[..., :-1], placed[..., 1:]).sum(axis=2)
     axis = np.argmax(np.abs(normal), axis=0)
     every = np.arange(len(axis))
-    # axes (2, P): the two axes after the dropped axis, in cyclic order. They are swapped if the normal is
-    # negative.
+    # axes (2, P): the two axes after the dropped axis, in cyclic order. The two axes are swapped if the
+    # normal's component along the dropped axis is negative.
     axes = np.stack(((axis + 1) % 3, (axis + 2) % 3))
     is_down = normal[axis, every] < 0
     axes[:, is_down] = axes[::-1, is_down]
@@ -213,8 +215,8 @@ def _project(placed: Floats) -> tuple[Floats, Floats]:
 def _cut_ears(x: Floats, y: Floats, counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Cut counter-clockwise polygons with the coordinates (P, M) and `counts` (P,) corners into triangles.
 
-    Return the corners (P, M - 2, 3) of the triangles, and a mask (P,) of the polygons that were cut. In each
-    round every polygon loses its best-shaped ear.
+    Return the corners (P, M - 2, 3) of the triangles. Also return a mask (P,) of the polygons that were cut.
+    In each round, every polygon loses its best-shaped ear.
     """
     ring = _Ring.of(x, y, counts)
     polygons, width = x.shape
@@ -227,11 +229,11 @@ def _cut_ears(x: Floats, y: Floats, counts: NDArray[np.int64]) -> tuple[NDArray[
         ear = np.argmax(scores, axis=1)
         before, after = ring.before[every, ear], ring.after[every, ear]
         triangles[:, number] = np.stack((before, ear, after), axis=1)
-        # The remaining corners are the last triangle. It must not be turned over.
+        # The remaining corners are the last triangle. The last triangle of a polygon must not be reversed.
         left = counts - number
         is_right = ring.area(before, ear, after) >= -_ROUNDING
         is_cut &= (left < 3) | np.where(left == 3, is_right, scores[every, ear] > _NO_EAR)
-        # Remove the ear, and examine the corners beside it again.
+        # Remove the ear, and examine its neighbouring corners again.
         ring.remove(ear, before, after)
         scores[every, ear] = _GONE
         for beside in (before, after):
@@ -243,8 +245,8 @@ def _cut_ears(x: Floats, y: Floats, counts: NDArray[np.int64]) -> tuple[NDArray[
 class _Ring:
     """The remaining corners of polygons, as linked rings.
 
-    `x`, `y` (P, M) are the coordinates of the corners, and `before` and `after` (P, M) their neighbours. The
-    mask `is_left` (P, M) selects the remaining corners.
+    The fields `x` and `y` (P, M) are the coordinates of the corners. The fields `before` and `after` (P, M)
+    are the neighbours of the corners. The mask `is_left` (P, M) selects the remaining corners.
     """
 
     x: Floats
@@ -275,16 +277,18 @@ class _Ring:
     def score(self, corner: NDArray[np.int64]) -> Floats:
         """Return the shape of the triangle at one corner (P,) of each polygon, or `_NO_EAR`.
 
-        The shape is the area over the sum of squared sides. An ear has no other corner in it, not even on
-        its sides. Corners at the place of one of its own corners do not count. Such corners exist where a cut
-        joins a hole to the outline. However, no side may lead from the tip of the ear into the triangle.
+        The shape is the area divided by the sum of squared sides. An ear contains no other corner of the
+        polygon, not even on its sides. Corners that coincide with a corner of the ear are ignored. Coinciding
+        corners exist where a cut joins a hole to the outline. An ear is invalid if another side of the
+        polygon leads from the tip of the ear into its triangle.
         """
         every = np.arange(len(corner))
         before, after = self.before[every, corner], self.after[every, corner]
         a, b, c = ((self.x[every, at], self.y[every, at]) for at in (before, corner, after))
         area = _area(a, b, c)
         is_ear = (area >= 0) & self.is_left[every, corner]
-        # Candidates (N,) are the corners in the bounding box of the triangle, with their polygons.
+        # Candidates (N,) are the corners in the bounding box of a triangle, with the numbers of their
+        # polygons.
         is_near = self.is_left & is_ear[:, None]
         for values, axis in ((self.x, 0), (self.y, 1)):
             sides = np.stack((a[axis], b[axis], c[axis]))
@@ -295,7 +299,7 @@ class _Ring:
         is_inside = (_area(a, b, q) >= 0) & (_area(b, c, q) >= 0) & (_area(c, a, q) >= 0)
         at_tip, at_end = ((q[0] == p[0]) & (q[1] == p[1]) for p in (b, a))
         at_end |= (q[0] == c[0]) & (q[1] == c[1])
-        # A side leads into the triangle if it lies between the two sides of the triangle at the tip.
+        # A side leads into the triangle if its direction lies between the two sides at the tip.
         leads_in = np.zeros(len(polygon), bool)
         for neighbours in (self.before, self.after):
             end = neighbours[polygon, number]
@@ -309,19 +313,19 @@ class _Ring:
         return np.where(is_ear, area / np.where(squares > 0, squares, 1), _NO_EAR)
 
     def _sides(self, *corners: NDArray[np.int64]) -> list[tuple[Point, Point]]:
-        """Return the ends of the sides of a triangle of each polygon."""
+        """Return the ends of the sides of one triangle per polygon."""
         every = np.arange(len(self.x))
         a, b, c = ((self.x[every, corner], self.y[every, corner]) for corner in corners)
         return [(a, b), (b, c), (c, a)]
 
     def cross_themselves(self) -> NDArray[np.bool_]:
-        """Return a mask (P,) of the polygons with two sides that cross."""
+        """Return a mask (P,) of the polygons with two crossing sides."""
         ends = [np.take_along_axis(values, self.after, axis=1) for values in (self.x, self.y)]
         low = [np.minimum(*pair) for pair in ((self.x, ends[0]), (self.y, ends[1]))]
         high = [np.maximum(*pair) for pair in ((self.x, ends[0]), (self.y, ends[1]))]
         crosses = np.zeros(len(self.x), bool)
         for side in range(self.x.shape[1]):
-            # Compare this side (a, b) of each polygon with the sides (c, d) whose bounding boxes touch it.
+            # Compare the side (a, b) of each polygon with the sides (c, d) whose bounding boxes touch it.
             is_near = self.is_left & self.is_left[:, side, None]
             for axis in (0, 1):
                 is_near &= low[axis] <= high[axis][:, side, None]
@@ -347,9 +351,10 @@ def _area(a: Point, b: Point, c: Point) -> Floats:
 def find_wrong_polygon(
     faces: NDArray[np.int64], polygon: NDArray[np.int64], vertices: int
 ) -> tuple[int, int] | None:
-    """Return the first polygon with a vertex index outside 0..`vertices` - 1, and this index, or None.
+    """Return the first polygon with a vertex index outside 0..`vertices` - 1, and the index.
 
-    `faces` (F, 3) and `polygon` (F,) are the triangles and polygons of a `Triangulation`.
+    Return None if all indices are valid. The arguments `faces` (F, 3) and `polygon` (F,) are the triangles
+    and polygons of a `Triangulation`.
     """
     if not faces.size or (faces.min() >= 0 and faces.max() < vertices):
         return None
@@ -359,10 +364,10 @@ def find_wrong_polygon(
 
 
 def join_faces(parts: Iterable[NDArray[np.int64]], counts: Sequence[int]) -> NDArray[np.int64]:
-    """Return the concatenated faces of several parts, renumbered for the concatenated vertices.
+    """Concatenate the faces of several parts, renumbered for the concatenated vertices.
 
-    `counts` are the numbers of vertices of the parts. An index outside its part stays invalid, because it is
-    moved outside all vertices.
+    The argument `counts` contains the numbers of vertices of the parts. An invalid index of a part is changed
+    to an index that is invalid in the result.
     """
     total, base, joined = sum(counts), 0, []
     for faces, count in zip(parts, counts, strict=True):

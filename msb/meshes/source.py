@@ -1,4 +1,4 @@
-"""The bytes of a mesh file in memory, and the errors about them."""
+"""The bytes of a mesh file in memory, and errors about them."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class Source:
     Parameters
     ----------
     path : str
-        The file's path. Linked files are searched in the same folder (`msb.meshes.linked_files`).
+        The path of the file. Linked files are searched in the same folder (`msb.meshes.linked_files`).
     data : bytes
         The content.
     lines : bytes, optional
-        The text for counting lines, if `data` is a modified copy of it. Both have the same length.
+        The text for counting lines, if `data` is a modified copy of it. The copy has the same length.
     images : bool
         Whether texture images are decoded.
     """
@@ -33,7 +33,10 @@ class Source:
     images: bool = True
 
     def error(self, code: str, message: str, *, pointer: str | None = None) -> MeshFileError:
-        """Return an error about this file. The message begins with `pointer`, the place in the file."""
+        """Return an error about this file.
+
+        The message begins with `pointer`, the place of the error in the file.
+        """
         text = message if pointer is None else f"{pointer}: {message}"
         return MeshFileError(code, text, file=self.path, pointer=pointer)
 
@@ -47,9 +50,10 @@ class Source:
         return f"line {lines.count(_LINE_FEED, 0, byte) + 1}"
 
     def wrong_index(self, byte: int, index: int, vertices: int, *, first: int = 0) -> str:
-        """Return the text of `Mesh.wrong_face` for the face in the line at byte offset `byte`.
+        """Return the text for `Mesh.wrong_face` for the face in the line at byte offset `byte`.
 
-        `index` is the invalid vertex index, counted from 0. The file counts from `first`.
+        The argument `index` is the invalid vertex index, counted from 0. The file counts vertices from
+        `first`.
         """
         valid = f"valid are {first} to {vertices - 1 + first}" if vertices else "the file has no vertices"
         return f"{self.line(byte)}: a face uses vertex {index + first}; {valid}"
@@ -60,10 +64,10 @@ class Source:
         return next((form for form in formats if form.begins and form.begins.match(self.data)), None)
 
     def not_a(self, name: str, why: str) -> MeshFileError:
-        """Return the error that the file is not of format `name`.
+        """Return the error for content that is not of format `name`.
 
-        If the content looks like another format, the error names that format. Otherwise it gives the reason
-        `why`.
+        If the content looks like another format, the error names that format. If no format is recognised, the
+        error message gives the reason `why`.
         """
         other = self.looks_like()
         if other is not None and other.title != name:
@@ -71,10 +75,10 @@ class Source:
         return self.error("MESH_FILE_INVALID", f"the file is not in {name} format: {why}")
 
     def as_text(self, name: str) -> Source:
-        """Return the file as text of format `name`.
+        """Return the file as text of the format `name`.
 
-        Line ends become LF, and spaces replace a byte order mark. The length stays the same, so that byte and
-        line numbers in messages are valid for the file.
+        LF replaces other line ends, and spaces replace a byte order mark. The length does not change, so byte
+        and line numbers in messages are valid for the file.
         """
         data = self.data
         at = data.find(b"\0")

@@ -1,4 +1,7 @@
-"""STL: separate triangles, binary or as text. Each face has three vertices; nothing is merged."""
+"""The STL format: separate triangles, binary or as text.
+
+Each face has three separate vertices, which are not merged.
+"""
 
 import re
 import struct
@@ -15,7 +18,7 @@ from msb.meshes.text import Words, word_blocks
 from msb.meshes.writing import ROWS_AT_A_TIME, as_float32
 
 _HEADER_BYTES = 84
-# The record of a face in a binary file. 80 arbitrary bytes and the number of faces precede the records.
+# Bytes of one face in a binary file.
 _FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 # The first words of the lines of a face, in order.
@@ -27,10 +30,11 @@ _FACE_CODES = [_CODES[keyword] for keyword in _LINES]
 
 
 def read(source: Source) -> Mesh:
-    """Read a binary or text STL file. Several solids are concatenated; normals and attributes are ignored.
+    """Read a binary or text STL file. Several solids are concatenated. Normals and attributes are ignored.
 
-    Vertices of text files are float32, too, unless they need an origin. With float64, the areas of published
-    files would change by 2e-8. There are 3F vertices, and the faces are (0, 1, 2), (3, 4, 5), and so on.
+    Vertices of text files are also float32, unless they need an origin. The precision float64 would change
+    the areas of published files by 2e-8. The mesh has 3F vertices, and the faces are (0, 1, 2), (3, 4, 5),
+    and so on.
     """
     data = source.data
     declared = struct.unpack_from("<I", data, 80)[0] if len(data) >= _HEADER_BYTES else 0
@@ -50,7 +54,7 @@ def read(source: Source) -> Mesh:
 
 
 def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
-    """Write binary STL: the float32 corners and normal of every face, without colours.
+    """Write binary STL: the float32 corners and the normal of every face, without colours.
 
     Unused vertices are lost. The normal of a face without area is zero.
     """
@@ -68,7 +72,7 @@ def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
 
 
 def _make_soup(corners: NDArray[Any]) -> Mesh:
-    """Return the mesh of consecutive `corners` (3F, 3) or (F, 3, 3), three per face."""
+    """Return a mesh of consecutive `corners` (3F, 3) or (F, 3, 3), with three corners per face."""
     rows = np.ascontiguousarray(corners).reshape(-1, 3)
     return Mesh(rows, np.arange(len(rows)).reshape(-1, 3))
 
@@ -87,7 +91,7 @@ def _read_text(text: Source) -> NDArray[Any]:
 
 
 def _classify_lines(words: Words) -> NDArray[np.uint8]:
-    """Return the code of the first word of each line (L,), or 0 if it is not a keyword."""
+    """Return the code of the first word of each line (L,). The code is 0 if the word is not a keyword."""
     codes = np.zeros(len(words.first), dtype=np.uint8)
     for keyword, code in _CODES.items():
         codes[words.lines_beginning(keyword)] = code
@@ -105,13 +109,13 @@ def _read_vertices(words: Words, is_vertex: NDArray[np.bool_]) -> NDArray[np.flo
 
 
 def _check_order(text: Source, codes: NDArray[np.uint8], places: NDArray[np.int64]) -> None:
-    """Raise an error unless the lines are complete faces, and "solid" and "endsolid" stand only between
-    faces.
+    """Raise an error if a face is incomplete, or if "solid" or "endsolid" interrupts a face.
 
-    `codes` (L,) are the codes of the lines' first words, `places` (L,) the byte offsets of the lines.
+    The argument `codes` (L,) has the codes of the lines' first words. The argument `places` (L,) has the byte
+    offsets of the lines.
     """
     between = codes >= _CODES[b"solid"]
-    # The other lines must be complete faces, with their lines in this order.
+    # Every face must consist of these lines in this order, except for "solid" and "endsolid" lines.
     in_faces = np.flatnonzero(~between)
     expected = np.resize(_FACE_CODES, len(in_faces))
     wrong = in_faces[codes[in_faces] != expected]
@@ -127,6 +131,6 @@ def _check_order(text: Source, codes: NDArray[np.uint8], places: NDArray[np.int6
         raise text.line_error("MESH_FILE_TRUNCATED", int(places[-1]), "the file ends without 'endsolid'")
 
 
-# The signature of text files; binary files have none.
+# Signature of STL text files. Binary files have no signature.
 _BEGINS = re.compile(rb"\s*+solid\b", re.IGNORECASE)
 FORMAT = Format("STL", (".stl",), read, write, begins=_BEGINS, is_soup=True, is_single=True)

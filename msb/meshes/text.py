@@ -1,7 +1,7 @@
 """Vectorised parsing of words and numbers in text files, block by block.
 
-A file is split into blocks of whole lines, so that temporary arrays stay small for files of any size. Bytes
-are not decoded: names and comments may be in any encoding.
+A file is split into blocks of whole lines, so that temporary arrays stay small for large files. Bytes are not
+decoded: names and comments may be in any encoding.
 """
 
 from __future__ import annotations
@@ -17,22 +17,23 @@ from numpy.typing import NDArray
 from msb.errors import MeshFileError, shorten
 from msb.meshes.source import Source
 
-# Bytes of text per block. The word tables of a block take up to 30 times as much memory, about 130 MB.
+# Number of bytes of text per block. The word tables of a block need up to 30 times as much memory, about 130
+# MB.
 BLOCK_BYTES = 1 << 22
 
-# Numbers are parsed as float64. It represents every integer up to this limit exactly.
+# Numbers are parsed as float64. A float64 represents every integer up to this limit exactly.
 EXACT_INTEGER = 2**53
 
 _IS_SPACE = np.isin(np.arange(256), list(b" \t\n\r\v\f"))
 _IS_FRACTION = np.isin(np.arange(256), list(b".eEnN"))
-# A number. The possessive quantifiers (++, *+) never backtrack. A million digits followed by a letter are
-# therefore rejected in linear time.
+# A number. The possessive quantifiers (++, *+) never backtrack. Therefore a million digits with a letter at
+# the end are rejected in linear time.
 _NUMBER = re.compile(rb"[+-]?((\d++\.?\d*+|\.\d++)(e[+-]?\d++)?|inf|infinity|nan(\(\w*+\))?)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
 class Words:
-    """The words of a block of whole lines: T words in L non-blank lines.
+    """The words of a block of whole lines, with T words in L non-blank lines.
 
     Parameters
     ----------
@@ -69,7 +70,7 @@ class Words:
         return mask
 
     def arguments(self, lines: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return a mask (T,) of the words after the first one in the selected lines (L,)."""
+        """Return a mask (T,) of all words except the first word in the selected lines (L,)."""
         mask = np.repeat(lines, self.count)
         mask[self.first] = False
         return mask
@@ -81,7 +82,7 @@ class Words:
     def after(self, separator: bytes) -> Words:
         """Return the part of each word after its first `separator` (one byte).
 
-        It is empty for words without one.
+        The part is empty for words without a separator.
         """
         return replace(self, start=np.minimum(self._next(separator) + 1, self.end))
 
@@ -95,7 +96,7 @@ class Words:
         start, end = self.start[chosen], self.end[chosen]
         if not start.size:
             return np.zeros(0)
-        # Replace everything outside the selected words by spaces, and parse the block in one call.
+        # Replace everything outside the selected words by spaces, and parse the block in a single call.
         edges = np.zeros(len(self.text) + 1, dtype=np.int8)
         edges[start] += 1
         edges[end] -= 1
@@ -108,9 +109,9 @@ class Words:
     def indices(self, chosen: NDArray[np.bool_], above: NDArray[np.int64], of: str) -> NDArray[np.int64]:
         """Return the selected words (T,) as zero-based OBJ indices.
 
-        In the file, positive indices count from 1. Negative indices count backwards; -1 is the last element
-        above the line. `above` (L,) is the number of elements above each line. `of` is the name of the
-        elements in messages.
+        In the file, positive indices count from 1. Negative indices count backwards. The index -1 is the last
+        element above the line. The argument `above` (L,) is the number of elements above each line. Messages
+        call the elements `of`.
         """
         values = self.numbers(chosen)
         at = find_not_whole(values)
@@ -127,7 +128,7 @@ class Words:
         raise self.source.line_error("MESH_FILE_INVALID", byte, f"index {values[at]:.15g} {why}")
 
     def has_fraction(self) -> NDArray[np.bool_]:
-        """Return a mask (T,) of the words such as 1.0, 1e3 or nan, which are not plain integers."""
+        """Return a mask (T,) of words that are not plain integers, such as 1.0, 1e3 or nan."""
         marks = np.append(0, np.cumsum(_IS_FRACTION[self.text]))
         return marks[self.end] > marks[self.start]
 
@@ -139,7 +140,7 @@ class Words:
     def _bad_number(self, start: NDArray[np.int64], end: NDArray[np.int64]) -> MeshFileError:
         """Return the error about the first word that is not a number.
 
-        `start` and `end` (N,) are the offsets of words.
+        The arguments `start` and `end` (N,) are the offsets of the words.
         """
         for first, last in zip(start.tolist(), end.tolist(), strict=True):
             word = self.text[first:last].tobytes()
@@ -150,9 +151,9 @@ class Words:
 
 
 def word_blocks(source: Source, start: int = 0, *, comments: bool = False) -> Iterator[Words]:
-    """Yield the words of a text from byte `start` on, in blocks of about `BLOCK_BYTES`.
+    """Yield the words of a text, starting at byte `start`, in blocks of about `BLOCK_BYTES`.
 
-    With `comments`, "#" begins a comment that ends with the line.
+    With `comments`, "#" starts a comment that extends to the end of the line.
     """
     size = len(source.data)
     while start < size:
@@ -164,7 +165,7 @@ def word_blocks(source: Source, start: int = 0, *, comments: bool = False) -> It
 
 @dataclass(frozen=True)
 class Table:
-    """The numbers of a part of a text file: T numbers in R non-blank lines.
+    """The numbers of a part of a text file, with T numbers in R non-blank lines.
 
     Parameters
     ----------
@@ -191,9 +192,9 @@ class Table:
         return self.source.line_error(code, int(self.byte[row]), message)
 
     def integers(self, places: NDArray[np.int64], what: str) -> NDArray[np.int64]:
-        """Return `values` at `places` as integers, in the shape of `places`.
+        """Return the `values` at `places` as integers, in the shape of `places`.
 
-        `what` names the values in the error that is raised if one is not an integer.
+        The text `what` names the values in the error for a value that is not an integer.
         """
         values = self.values[places]
         bad = find_not_whole(values.ravel())
@@ -205,7 +206,10 @@ class Table:
 
 
 def read_table(source: Source, start: int, *, comments: bool = False) -> Table:
-    """Return all numbers of a text from byte `start` on. `comments` are as for `word_blocks`."""
+    """Return all numbers of a text, starting at byte `start`.
+
+    The argument `comments` has the same meaning as in `word_blocks`.
+    """
     values, counts, places, fractions = [np.zeros(0)], [np.zeros(1, np.int64)], [np.zeros(0, np.int64)], []
     for words in word_blocks(source, start, comments=comments):
         values.append(words.numbers(np.ones(len(words.start), dtype=np.bool_)))
@@ -228,7 +232,10 @@ def find_not_whole(values: NDArray[np.float64]) -> int | None:
 
 
 def _split_words(source: Source, start: int, end: int, comments: bool) -> Words:
-    """Return the words between the offsets `start` and `end`. There must be whole lines between them."""
+    """Return the words between the offsets `start` and `end`.
+
+    The text between the offsets must consist of whole lines.
+    """
     text = np.frombuffer(source.data, dtype=np.uint8, count=end - start, offset=start)
     line_end = text == ord("\n")
     if comments:
@@ -238,7 +245,7 @@ def _split_words(source: Source, start: int, end: int, comments: bool) -> Words:
     space[1:-1] = _IS_SPACE[text]
     edges = np.flatnonzero(space[1:] != space[:-1])
     begins = edges[0::2]
-    # A word is the first of its line if more line ends precede it than precede the previous word.
+    # A word begins a line if a line end lies between this word and the previous word.
     line = np.cumsum(line_end, dtype=np.int32)[begins]
     first = np.flatnonzero(np.diff(line, prepend=-1))
     count = np.diff(first, append=len(begins))
@@ -256,7 +263,7 @@ def _blank_comments(text: NDArray[np.uint8], line_end: NDArray[np.bool_]) -> NDA
 
 
 def _parse(text: bytes) -> NDArray[np.float64] | None:
-    """Return the numbers in a non-blank text, or None if it contains anything else."""
+    """Return the numbers in a non-blank text, or None if the text contains anything else."""
     with warnings.catch_warnings():
         # Older versions of NumPy warn instead of raising an error.
         warnings.simplefilter("error", DeprecationWarning)

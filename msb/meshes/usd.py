@@ -1,4 +1,4 @@
-"""USD: read meshes with usd-core, and declare the formats."""
+"""Reads USD meshes with usd-core, and declares the USD formats."""
 
 import io
 import json
@@ -32,7 +32,7 @@ from msb.meshes.usd_stage import read_stage
 from msb.meshes.usd_write import Kind, write
 from msb.meshes.writing import check_indices
 
-# Time limit of usd-core, in seconds.
+# Time limit of usd-core in seconds.
 _SECONDS = 600.0
 _PACKAGE = b"PK\x03\x04"
 # Memory limit of usd-core: 64 bytes per byte of the file, plus 2 GiB.
@@ -41,15 +41,15 @@ _PLAIN = np.full((1, 1, 3), 255, np.uint8)
 
 
 def read(source: Source) -> Mesh:
-    """Return the visible meshes of a stage at its earliest time, in world coordinates and in metres.
+    """Return the visible meshes of a stage at its earliest time, in world coordinates in metres.
 
-    usd-core reads the file in a child process. Stages composed of several files are rejected; only images may
+    usd-core reads the file in a child process. Stages composed of several files are rejected. Only images may
     be separate files.
     """
     need_extra("usd", "pxr", what="a USD file")
     _check_whole(source)
     memory = _EXTRA_MEMORY + _MEMORY_PER_BYTE * len(source.data) / 2**30
-    # The path is absolute, because the child process has another working directory.
+    # The path is absolute, because the child process has a different working directory.
     reply = run_in_child(read_stage, str(Path(source.path).absolute()), {}, Limits(_SECONDS, memory))
     if reply.why:
         code = "MESH_FILE_TOO_LARGE" if reply.ended_by in ("time", "memory") else "MESH_FILE_INVALID"
@@ -78,7 +78,7 @@ def read(source: Source) -> Mesh:
         from msb.meshes.assets import with_corner_colors
 
         with about(source.path):
-            check_indices(mesh)  # before vertices are split
+            check_indices(mesh)  # Check the indices before vertices are split.
         mesh = with_corner_colors(mesh, colors["corner"])
     if "corner_normals" in arrays:
         mesh = replace(mesh, corner_keys=hash_attributes([arrays["corner_normals"]]))
@@ -91,16 +91,16 @@ def read(source: Source) -> Mesh:
 
 
 def _check_whole(source: Source) -> None:
-    """Reject truncated packages. usd-core accepts packages without the end record of the archive."""
+    """Reject truncated packages, because usd-core accepts packages without the end record of the archive."""
     is_package = _PACKAGE.startswith(source.data[: len(_PACKAGE)])
     if is_package and not zipfile.is_zipfile(io.BytesIO(source.data)):
         raise source.error("MESH_FILE_TRUNCATED", "the file is truncated: the package has no end record")
 
 
 def _with_textures(mesh: Mesh, source: Source, data: dict[str, Any]) -> Mesh:
-    """Return `mesh` with its images, from the package or from separate files.
+    """Return `mesh` with its images, which are in the package or in separate files.
 
-    Images that cannot be read are listed in `left_out`, and their faces are white.
+    Images that cannot be read are listed in `left_out`. Faces with these images are white.
     """
     uses, decoder = data["textures"], Decoder()
     if len(uses) > MAX_TEXTURES:
@@ -123,14 +123,15 @@ def _with_textures(mesh: Mesh, source: Source, data: dict[str, Any]) -> Mesh:
 
 
 def _adjust_texels(image: NDArray[np.uint8], use: Mapping[str, Any]) -> NDArray[np.uint8]:
-    """Return `image` as sRGB texels (H, W, 3 | 4); `use` has the fields of
-    `msb.meshes.usd_materials.ImageUse`.
+    """Return `image` as sRGB texels (H, W, 3 | 4).
+
+    The argument `use` has the fields of `msb.meshes.usd_materials.ImageUse`.
     """
     scale, bias = use["scale"], use["bias"]
     if not use["is_raw"] and (set(scale), set(bias)) == ({1.0}, {0.0}):
         return image
-    # For each channel, build a table of its 256 levels. A level is converted to linear light, scaled,
-    # shifted, and converted back.
+    # Build a table of all 256 levels for each channel. Each level of an image channel is converted to linear
+    # light, scaled, shifted, and converted back.
     levels, channels = np.arange(256) / 255, []
     for channel in range(image.shape[-1]):
         is_linear = channel == 3
@@ -149,7 +150,7 @@ def _read_image(source: Source, name: str) -> bytes:
     try:
         with zipfile.ZipFile(io.BytesIO(source.data)) as archive:
             about = archive.getinfo(name)
-            # USD packages are not compressed. Therefore a member cannot be larger than the file.
+            # USD packages are not compressed. Therefore an image in a package cannot be larger than the file.
             if about.compress_type == zipfile.ZIP_STORED:
                 return archive.read(about)
     except (KeyError, zipfile.BadZipFile, OSError, RuntimeError, NotImplementedError):
@@ -159,7 +160,7 @@ def _read_image(source: Source, name: str) -> bytes:
 
 
 def _declare_format(title: str, suffixes: tuple[str, ...], kind: Kind, begins: bytes | None) -> Format:
-    """Return the format for one kind of USD file."""
+    """Return the format for one type of USD file."""
     return Format(
         title,
         suffixes,

@@ -1,7 +1,7 @@
-"""Split a textured mesh into groups of faces that one UsdPreviewSurface material can show.
+"""Splits a textured mesh into groups of faces that one UsdPreviewSurface material can show.
 
-Such a material shows an image times one colour, or one colour, or the primvar `displayColor`. Such a material
-cannot multiply an image with colours that vary from vertex to vertex.
+A UsdPreviewSurface material shows either an image multiplied with one colour, a single colour, or the primvar
+`displayColor`. A UsdPreviewSurface material cannot multiply an image with colours that vary between vertices.
 """
 
 from dataclasses import dataclass
@@ -15,24 +15,25 @@ from msb.meshes.formats import Style
 from msb.meshes.image_files import describe_counts, encode_images, is_single_texel
 from msb.meshes.mesh import Mesh
 
-# Largest number of materials, each with one colour, for the faces of one texture. With more colours, faces
-# without an image use `displayColor`, and faces with an image use the average colour.
+# Largest number of materials with a uniform colour for the faces of one texture. With more colours than this,
+# faces without an image use `displayColor`. Faces with an image then use the average colour.
 _MAX_COLORS = 64
 WHITE = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True)
 class FaceGroup:
-    """Faces with the same look.
+    """Faces that share one material.
 
     Attributes
     ----------
     faces : (n,) int32
-        Their numbers, in ascending order.
+        The numbers of the faces, in ascending order.
     image : int, optional
-        The number of their texture.
+        The number of the texture.
     color : tuple of float, optional
-        The colour of the faces or, if they have an image, its factor; linear light. None: `displayColor`.
+        The colour of the faces or, if they have an image, its factor; linear light. The value None means
+        `displayColor`.
     is_average : bool
         Whether the colour replaces colours that vary.
     """
@@ -73,7 +74,7 @@ def group_faces(mesh: Mesh) -> list[FaceGroup]:
 
 
 def corner_light(mesh: Mesh) -> NDArray[np.float32]:
-    """Return the linear colours (F, 3, 3) of the face corners, times the texels of plain textures."""
+    """Return the linear colours (F, 3, 3) of the corners, multiplied with texels of plain textures."""
     light = np.ones((len(mesh.faces), 3, 3), np.float32)
     if mesh.vertex_colors is not None:
         light *= linear_light(mesh.vertex_colors)[:, :3][mesh.faces]
@@ -107,7 +108,7 @@ def list_stored(mesh: Mesh) -> list[str]:
 
 
 def list_lost(mesh: Mesh) -> list[str]:
-    """Return the names of the parts of a mesh's colours that a USD file does not store."""
+    """Return the names of colour data of a mesh that a USD file does not store."""
     lost = []
     if mesh.textures and any(group.is_average for group in group_faces(mesh)):
         lost.append("colours that vary over a texture (their average is stored)")

@@ -1,4 +1,4 @@
-"""Read the materials of a USD stage. This runs usd-core, in a child process."""
+"""Reads the materials of a USD stage. This module runs usd-core in a child process."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 Vector = tuple[float, ...]
-# The 2 x 3 matrix by which texture coordinates (u, v, 1) are multiplied; v points upwards.
+# The 2 x 3 matrix by which texture coordinates (u, v, 1) are multiplied. The coordinate v points upwards.
 Matrix = tuple[Vector, Vector]
 
 _WRAPS = {"clamp": "clamp", "black": "clamp", "mirror": "mirror"}
-# The diffuse colour of UsdPreviewSurface if the material does not set one.
+# The diffuse colour of UsdPreviewSurface if a material sets none.
 _DEFAULT_COLOR = (0.18, 0.18, 0.18)
 _BLACK, _ONES, _ZEROS = (0.0, 0.0, 0.0), (1.0,) * 4, (0.0,) * 4
-# Longest chain of UsdTransform2d nodes that is followed. Hostile files may connect them in a circle.
+# Longest chain of UsdTransform2d nodes that is followed. Malicious files may connect UsdTransform2d nodes in
+# a circle.
 _MAX_TRANSFORMS = 16
-# Names of inputs of UsdPreviewSurface that are not read if a shader computes them.
+# UsdPreviewSurface inputs that cannot be read if a shader computes their values, with names for messages.
 _OTHER_MAPS = {
     "normal": "normal maps",
     "occlusion": "occlusion maps",
@@ -28,10 +29,11 @@ _OTHER_MAPS = {
 
 @dataclass(frozen=True)
 class ImageUse:
-    """An image file, and the conversions of its texels before they are drawn.
+    """An image file, and the conversions of its texels before rendering.
 
-    A texel is multiplied with `scale` (RGBA), then `bias` (RGBA) is added, in linear light. `is_raw` is set
-    if the file stores linear light. `has_alpha` is set if alpha is compared with the cut-off.
+    In linear light, a texel is multiplied with `scale` (RGBA), and `bias` (RGBA) is added. The field `is_raw`
+    is set if the file stores linear light. The field `has_alpha` is set if alpha is compared with the
+    cut-off.
     """
 
     file: str
@@ -43,19 +45,23 @@ class ImageUse:
 
 @dataclass(frozen=True)
 class Material:
-    """The colour of a material. It is the image if there is one, else the uniform colour, else the primvar.
+    """The colour of a USD material.
+
+    The colour comes from the image if an image exists, else from the uniform colour, else from the primvar.
 
     Attributes
     ----------
     image : ImageUse, optional
     varname, transform
-        The primvar with the image's texture coordinates, and the transform to apply; None is the identity.
+        The primvar with the image's texture coordinates, and the transform of the coordinates; None is the
+        identity.
     wraps : tuple of str
         The wrap modes of the image along u and v.
     cutoff : float, optional
         The alpha cut-off.
     color : tuple of float, optional
-        The colour (RGB, linear light). It is multiplied with the image, and it replaces a missing primvar.
+        The colour (RGB, linear light). The uniform colour is multiplied with the image, and replaces a
+        missing primvar.
     primvar : str, optional
         The primvar with the colours of the mesh.
     """
@@ -69,12 +75,12 @@ class Material:
     primvar: str | None = None
 
 
-# The material of meshes that have no material.
+# The material for meshes without a material.
 UNBOUND = Material(primvar="displayColor")
 
 
 class _Source(NamedTuple):
-    """The source to which an input is connected: a shader and the name of its output, a value, or nothing."""
+    """The source of an input: a shader and the name of its output, a value, or nothing."""
 
     shader: Any = None
     output: str = ""
@@ -82,9 +88,9 @@ class _Source(NamedTuple):
 
 
 class MaterialReader:
-    """Reader for the materials of prims.
+    """Reader for the materials of USD prims.
 
-    It reads each material once, and adds the names of unread parts to `left_out`.
+    The reader reads each material once, and adds the names of unread data to `left_out`.
     """
 
     def __init__(self, time: Any, left_out: dict[str, None]) -> None:
@@ -92,9 +98,7 @@ class MaterialReader:
         self._materials: dict[str, Material] = {}
 
     def find(self, prim: Any) -> Material:
-        """Return the material of a prim: its material for previews if there is one, else the material for
-        full renderings.
-        """
+        """Return the preview material of a prim, else its material for full rendering."""
         from pxr import Tf, UsdShade
 
         binding = UsdShade.MaterialBindingAPI(prim)
@@ -112,7 +116,7 @@ class MaterialReader:
         return UNBOUND
 
     def _read_surface(self, material: Any) -> Material:
-        """Return the colour of a material.
+        """Return the colour of a USD material.
 
         Emission is used only if the diffuse colour is black (an unlit material).
         """
@@ -143,7 +147,7 @@ class MaterialReader:
         return Material(color=_color(color.value, _DEFAULT_COLOR))
 
     def _read_texture(self, surface: Any, reader: Any) -> Material:
-        """Return the material of a texture reader that is connected to `surface`."""
+        """Return the material for a texture reader that is connected to `surface`."""
         file = self._read_path(reader)
         if not file or "<UDIM>" in file:
             self._left_out["textures in several images (UDIM)" if file else "textures without an image"] = (
@@ -151,8 +155,8 @@ class MaterialReader:
             )
             return UNBOUND
         cutoff = self._read_cutoff(surface, reader)
-        # A scale from 0 to 1 without bias is a colour by which the image is multiplied. Others change its
-        # texels.
+        # A scale from 0 to 1 without bias is a colour that is multiplied with the image. Scales and biases
+        # with other values change the texels of the image.
         scale = _vector(self._follow(reader, "scale").value, _ONES)
         bias = _vector(self._follow(reader, "bias").value, _ZEROS)
         color = None
@@ -182,7 +186,7 @@ class MaterialReader:
         return str(varname or "st"), (first, second)
 
     def _read_transform(self, shader: Any) -> Any:
-        """Return the matrix (3, 3) of a UsdTransform2d: scale, then rotate counter-clockwise, then move."""
+        """Return the matrix (3, 3) of a UsdTransform2d: scale, rotate counter-clockwise, translate."""
         angle = np.radians(_number(self._follow(shader, "rotation").value, 0.0))
         across, up = _vector(self._follow(shader, "scale").value, (1.0, 1.0))
         x, y = _vector(self._follow(shader, "translation").value, (0.0, 0.0))
@@ -190,9 +194,10 @@ class MaterialReader:
         return np.array([[cos * across, -sin * up, x], [sin * across, cos * up, y], [0, 0, 1]])
 
     def _read_cutoff(self, surface: Any, reader: Any) -> float | None:
-        """Return the alpha cut-off of a surface whose colour `reader` reads; None if it is opaque.
+        """Return the alpha cut-off of a surface with a colour from `reader`.
 
-        Only the alpha channel of the image with the colour can cut holes.
+        Return None if the surface is opaque. Only the alpha channel of the image with the colour can cut
+        holes.
         """
         opacity = self._follow(surface, "opacity")
         threshold = _number(self._follow(surface, "opacityThreshold").value, 0.0)
@@ -211,14 +216,14 @@ class MaterialReader:
         return None
 
     def _read_path(self, reader: Any) -> str:
-        """Return the path of the image of a texture reader; empty without an image."""
+        """Return the path of the image of a texture reader. The path is empty without an image."""
         file = self._follow(reader, "file").value
         return str(getattr(file, "path", file) or "")
 
     def _follow(self, shader: Any, name: str) -> _Source:
         """Return the source of the input `name` of a shader.
 
-        Interfaces of materials and node graphs are followed.
+        Connections through interfaces of materials and node graphs are followed.
         """
         from pxr import UsdShade
 
@@ -233,24 +238,30 @@ class MaterialReader:
 
 
 def _color(value: Any, default: Vector) -> Vector:
-    """Return `value` if it is three numbers, else `default`. The numbers may be outside [0, 1] or NaN."""
+    """Return `value` if it consists of three numbers, else `default`.
+
+    The numbers may be outside [0, 1] or NaN.
+    """
     numbers = list_numbers(value)
     return numbers if len(numbers) == len(default) else default
 
 
 def _vector(value: Any, default: Vector) -> Vector:
-    """Return `value` as finite numbers; `default` if it is missing, not finite or has another length."""
+    """Return `value` as finite numbers.
+
+    Return `default` if `value` is missing, not finite or of another length.
+    """
     numbers = list_numbers(value)
     return numbers if len(numbers) == len(default) and np.isfinite(numbers).all() else default
 
 
 def _number(value: Any, default: float) -> float:
-    """Return `value` as a finite number; `default` if it is missing or not a finite number."""
+    """Return `value` as a finite number. Return `default` if `value` is missing or not a finite number."""
     return _vector(value, (default,))[0]
 
 
 def list_numbers(value: Any) -> Vector:
-    """Return the numbers in `value`; empty if it is missing or not numeric."""
+    """Return the numbers in `value`, or an empty list if `value` is not numeric."""
     try:
         return tuple(np.array([] if value is None else value, np.float64).reshape(-1).tolist())
     except (TypeError, ValueError):
@@ -260,7 +271,8 @@ def list_numbers(value: Any) -> Vector:
 def unite_textures(materials: list[Material], left_out: dict[str, None]) -> tuple[tuple[str, str], Any]:
     """Return the wrap modes and the alpha cut-off of a mesh with these textured materials.
 
-    A mesh has only one sampler. The first material gives the wrap modes; the cut-off is the smallest of all.
+    A mesh has only one sampler. The first material sets the wrap modes. The alpha cut-off is the smallest of
+    all materials.
     """
     cutoffs = {material.cutoff for material in materials if material.cutoff is not None}
     if len({material.wraps for material in materials}) > 1:

@@ -1,4 +1,4 @@
-"""Read the visible meshes of a USD stage as arrays. This runs usd-core, in a child process."""
+"""Read the visible meshes of a USD stage as arrays. This module runs usd-core in a child process."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -16,7 +16,7 @@ Floats = NDArray[np.float32]
 # A domain ("constant", "vertex", "face", "corner") and its values (n, width).
 Values = tuple[str, Floats]
 
-# Domains of the values of a primvar, by its interpolation. With any other interpolation, values are per
+# Maps the interpolation of a primvar to the domain of its values. All other interpolations mean one value per
 # vertex.
 _DOMAINS = {"uniform": "face", "faceVarying": "corner"}
 
@@ -25,8 +25,8 @@ _DOMAINS = {"uniform": "face", "faceVarying": "corner"}
 class _PrimArrays:
     """The triangles of a mesh prim with their colours, UVs and textures.
 
-    `colors` (linear light) and `uvs` are None if the prim has none. `textures` (F,) are image numbers.
-    `normals` explain duplicated vertices; they are not kept.
+    The fields `colors` (linear light) and `uvs` are None if the prim does not define them. The field
+    `textures` (F,) contains image numbers. The field `normals` is only used to explain duplicated vertices.
     """
 
     points: NDArray[Any]
@@ -38,7 +38,10 @@ class _PrimArrays:
 
 
 def read_stage(word: str, _: Arrays) -> tuple[Any, Arrays]:
-    """Read the file `word`. This runs in the child process; it is a `Work` of `msb.base.children`."""
+    """Read the file `word`.
+
+    This function runs in the child process. The function is a `Work` of `msb.base.children`.
+    """
     from pxr import Sdf, Tf, Usd, UsdGeom
 
     try:
@@ -79,10 +82,11 @@ class _Refused(Exception):
 
 
 class _Reader:
-    """Reader for the mesh prims of a stage.
+    """Reader for the mesh prims of a USD stage.
 
-    `images` has the numbers of the images, in the order of their use. The key None stands for faces without
-    an image. `textured` has the used materials that have an image. `left_out` has the names of unread parts.
+    The field `images` has the numbers of the images, in the order of their use. The key None means faces
+    without an image. The field `textured` has the materials in use that have an image. The field `left_out`
+    has the names of unread data.
     """
 
     def __init__(self, stage: Any) -> None:
@@ -99,14 +103,14 @@ class _Reader:
             self.left_out["references that cannot be resolved"] = None
 
     def _read_unit(self, stage: Any) -> float:
-        """Return the length of the stage's unit in metres, or 0.01 if the stage has no valid unit."""
+        """Return the length of the stage's unit in metres. Without a valid unit, the length is 0.01."""
         from pxr import UsdGeom
 
         stored = float(UsdGeom.GetStageMetersPerUnit(stage))
         if np.isfinite(stored) and stored > 0:
             return stored
         default = float(UsdGeom.LinearUnits.centimeters)
-        self.left_out[f"metersPerUnit ({stored:g} is not a length; {default:g} is used)"] = None
+        self.left_out[f"metersPerUnit ({stored:g} is not a length; {default:g} is used instead)"] = None
         return default
 
     def visible_meshes(self, stage: Any) -> Iterator[Any]:
@@ -140,12 +144,12 @@ class _Reader:
         if (counts < 0).any() or counts.sum() != len(corners):
             text = f"{prim.GetPath()}: the faces need {counts.sum()} corners, but there are {len(corners)}"
             raise _Refused(text)
-        # order (F, 3): places in `corners`. polygon (F,): the polygon of each triangle.
+        # order (F, 3): indices into `corners`. polygon (F,): the polygon of each triangle.
         cut = triangulate(points, corners, counts)
         order, polygon = cut.order, cut.polygon
         self.left_out |= dict.fromkeys(cut.left_out)
-        # Transform to world coordinates in metres. A mirroring transform and a left-handed orientation each
-        # reverse the winding.
+        # Transform the vertices to world coordinates in metres. A mirroring transform and a left-handed
+        # orientation each reverse the winding.
         matrix = np.array(self._places.GetLocalToWorldTransform(prim))
         matrix[:, :3] *= self.meters_per_unit
         is_left = mesh.GetOrientationAttr().Get(self._time) == UsdGeom.Tokens.leftHanded
@@ -175,10 +179,10 @@ class _Reader:
     ) -> None:
         """Add colours, UVs and textures to the `arrays` of a prim.
 
-        `materials` are the materials of the prim with their triangles. `read` takes the name of a primvar and
-        the width of its values, and returns its values.
+        The argument `materials` contains the materials of the prim, with the triangles of each material.
+        `read(name, width)` returns the values of a primvar.
         """
-        # Read the coordinates of the images. A material without coordinates loses its image.
+        # Read the texture coordinates of the images. A material without texture coordinates loses its image.
         placed: dict[tuple[str, Any], Values | None] = {}
         uvs: list[tuple[NDArray[np.int64], Values | None]] = []
         for number, (material, faces) in enumerate(materials):
@@ -194,7 +198,8 @@ class _Reader:
                 self.textured[material] = None
                 uvs.append((faces, placed[key]))
         arrays.uvs = _combine(uvs, arrays, 2, 0.0)
-        # Number the images, and collect the colours. Parts without a colour are white if the mesh has images.
+        # Number the images, and collect the colours. Parts of a prim without a colour are white if the mesh
+        # has images.
         colors = [(faces, _choose_color(material, read)) for material, faces in materials]
         for material, faces in materials:
             arrays.textures[faces] = self.images.setdefault(material.image, len(self.images))
@@ -203,7 +208,7 @@ class _Reader:
             arrays.colors = _combine(colors, arrays, 3, 1.0)
 
     def _read_array(self, attribute: Any, dtype: Any, shape: tuple[int, ...]) -> NDArray[Any]:
-        """Return the values of an attribute; an empty array if it is not set."""
+        """Return the values of an attribute. Return an empty array if the attribute is not set."""
         stored = attribute.Get(self._time)
         return np.array([] if stored is None else stored, dtype).reshape(shape)
 
@@ -218,9 +223,9 @@ class _Reader:
     ) -> Values | None:
         """Return the domain of the primvar `name` and its values (n, `width`), or None if it is not set.
 
-        `shape` has the numbers of vertices, polygons and polygon corners. `order` and `polygon` are the
-        arrays of `read_prim`. Values of polygons become values of triangles. A primvar with a wrong number of
-        values is left out. For `displayColor` this is an error.
+        The argument `shape` has the numbers of vertices, polygons and polygon corners. The arguments `order`
+        and `polygon` are the arrays of `read_prim`. Values of polygons become values of triangles. A primvar
+        with a wrong number of values is ignored. For `displayColor`, a wrong number is an error.
         """
         from pxr import UsdGeom
 
@@ -230,7 +235,7 @@ class _Reader:
         stored = primvar.ComputeFlattened(self._time)
         try:
             values = np.array([] if stored is None else stored, np.float32)
-        except (TypeError, ValueError):  # texts and other types
+        except (TypeError, ValueError):  # values of a text type, for example
             values = np.array([], np.float32)
         kind = str(primvar.GetInterpolation())
         domain = _DOMAINS.get(kind, "vertex")
@@ -241,7 +246,7 @@ class _Reader:
             self.left_out[f"invalid values of {name[:40]}"] = None
             return None
         if values.shape != (count, width):
-            text = f"it has {len(values)} values of {name}, but {count} are needed"
+            text = f"there are {len(values)} values of {name}, but {count} are needed"
             raise _Refused(f"{mesh.GetPrim().GetPath()}: {text}")
         if domain == "face":
             return domain, values[polygon]
@@ -271,18 +276,19 @@ class _Reader:
     ) -> list[tuple[Material, NDArray[np.int64]]]:
         """Return the materials that the triangles of a mesh use, each with the numbers of its triangles.
 
-        The mesh has `count` polygons; `polygon` (F,) is the polygon of each triangle.
+        The mesh has `count` polygons. The argument `polygon` (F,) is the polygon of each triangle.
         """
         from pxr import UsdGeom, UsdShade
 
-        # owner (P,): the material of each polygon, from its subset or else from the prim.
+        # Compute `owner` (P,), the material of each polygon. The material of a polygon comes from its subset,
+        # or else from the prim.
         numbers = {self._materials.find(mesh.GetPrim()): 0}
         owner = np.zeros(count, np.int64)
         kind = UsdShade.Tokens.materialBind
         for part in UsdGeom.Subset.GetGeomSubsets(mesh, UsdGeom.Tokens.face, kind):
             faces = self._read_array(part.GetIndicesAttr(), np.int64, (-1,))
             if faces.size and not 0 <= faces.min() <= faces.max() < count:
-                raise _Refused(f"{part.GetPrim().GetPath()}: it selects faces that do not exist")
+                raise _Refused(f"{part.GetPrim().GetPath()}: the subset selects faces that do not exist")
             owner[faces] = numbers.setdefault(self._materials.find(part.GetPrim()), len(numbers))
         # Group the triangles by material.
         owner = owner[polygon]
@@ -320,9 +326,9 @@ def _choose_color(material: Material, read: Callable[[str, int], Values | None])
 
 
 def _place(uvs: Values | None, transform: Any) -> Values | None:
-    """Return texture coordinates after their transform.
+    """Return texture coordinates after the transform of the image.
 
-    Stored coordinates have v upwards, the result has v downwards.
+    Stored coordinates have v upwards, but the result has v downwards.
     """
     if uvs is None:
         return None
@@ -339,7 +345,8 @@ def _combine(
 ) -> Values | None:
     """Combine the values of the materials of a prim. Return None if no triangle has values.
 
-    Each of the `pieces` has the triangle numbers of a material, and its values for the whole prim.
+    Each element of `pieces` has the triangle numbers of a material, and the values of this material for the
+    whole prim.
     """
     given = [values for _, values in pieces]
     if all(values is None for values in given):
@@ -362,7 +369,8 @@ def _combine(
 def _spread(values: Values, part: _PrimArrays, faces: Any) -> NDArray[Any]:
     """Return the values (n, 3, width) at the corners of the triangles `faces` (n,) of a part.
 
-    Corners with an invalid index get the values of another vertex. Constant values have one row and column.
+    Corners with an invalid index get the values of an arbitrary vertex. Constant values have a single row and
+    column.
     """
     domain, rows = values
     width = rows.shape[1]
@@ -388,7 +396,7 @@ def _join_parts(parts: list[_PrimArrays], textures: int) -> dict[str, NDArray[An
         rows = [_convert_domain("corner", part, part.normals, 3, 0.0) for part in parts]
         arrays["corner_normals"] = np.concatenate(rows)
     for name, width, blank in (("colors", 3, 1.0), ("uvs", 2, 0.0)):
-        # Keep the domain if it is the same for all parts; otherwise convert the values to corners.
+        # Keep a domain that all parts have in common. Convert the values of different domains to corners.
         values = [getattr(part, name) for part in parts]
         domains = {value[0] for value in values if value is not None}
         if not domains:

@@ -1,4 +1,4 @@
-"""USD: write a stage with one mesh, its materials and optional collision shapes."""
+"""Writes a USD stage with one mesh, its materials and optional collision shapes."""
 
 import json
 import zipfile
@@ -23,12 +23,15 @@ Kind = Literal["usda", "usdc", "usdz"]
 
 
 def write(kind: Kind, mesh: Mesh, stream: BinaryIO, style: Style) -> None:
-    """Write a stage as text, as binary, or as a package with its textures. The unit is metres; y is up.
+    """Write a stage as text, as binary, or as a package with its textures.
 
-    The default prim contains the mesh, its materials and its collision shapes. By default materials are
-    unlit: they use the emissive colour of UsdPreviewSurface. Lit materials use its diffuse colour. Vertex and
-    face colours become `displayColor`, in linear light. The colours of textured meshes become colours of
-    materials (`msb.meshes.usd_looks`). Collision shapes have the purpose "guide", so that they are not drawn.
+    The unit is metres, and the y axis is up.
+
+    The default prim contains the mesh, its materials and its collision shapes. By default, materials are
+    unlit: the colour is the emissive colour of UsdPreviewSurface. In lit materials, the colour is the diffuse
+    colour. Vertex and face colours become `displayColor`, in linear light. The colours of textured meshes
+    become material colours (`msb.meshes.usd_looks`). Collision shapes have the purpose "guide", so that they
+    are not drawn.
     """
     need_extra("usd", "pxr", what="a USD file")
     has_images = kind == "usdz" or style.stem is not None
@@ -70,7 +73,7 @@ def _build_stage(mesh: Mesh, images: list[str], style: Style) -> Any:
         shape = _add_mesh(stage, f"/asset/collision_{number}", part)
         shape.CreatePurposeAttr(UsdGeom.Tokens.guide)
         UsdPhysics.CollisionAPI.Apply(shape.GetPrim())
-        # Concave shapes are used as triangle meshes, which simulators support for static objects.
+        # Concave collision shapes are triangle meshes, which simulators support for static objects.
         convex = UsdPhysics.Tokens.convexHull if style.is_convex else UsdPhysics.Tokens.none
         UsdPhysics.MeshCollisionAPI.Apply(shape.GetPrim()).CreateApproximationAttr(convex)
     return layer
@@ -88,8 +91,8 @@ def _add_mesh(stage: Any, path: str, mesh: Mesh) -> Any:
     prim.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(mesh.faces), 3, np.int32)))
     prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.faces.astype(np.int32).reshape(-1)))
     prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    # Readers expect normals for surfaces without subdivision. With face normals, the
-    # surface looks flat-shaded.
+    # Readers expect normals for surfaces without subdivision. With face normals, the surface is rendered
+    # flat-shaded.
     normals, domain = mesh.corner_normals, UsdGeom.Tokens.faceVarying
     if normals is None:
         normals, domain = _compute_normals(mesh), UsdGeom.Tokens.uniform
@@ -102,7 +105,7 @@ def _add_mesh(stage: Any, path: str, mesh: Mesh) -> Any:
 
 
 def _compute_normals(mesh: Mesh) -> NDArray[np.float32]:
-    """Return the unit normals (F, 3) of the faces; +y for faces without area."""
+    """Return the unit normals (F, 3) of the faces. Faces without area get +y."""
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     long = np.linalg.norm(across, axis=1, keepdims=True)
@@ -110,7 +113,10 @@ def _compute_normals(mesh: Mesh) -> NDArray[np.float32]:
 
 
 def _add_colors(prim: Any, mesh: Mesh, images: list[str], color_input: str) -> None:
-    """Add colours or textures and their materials, by an input of the surface shader, to a mesh prim."""
+    """Add colours, or textures with materials, to a mesh prim.
+
+    The colour is set at `color_input` of the surface shader.
+    """
     from pxr import Sdf, UsdGeom, Vt
 
     if not images:
@@ -139,7 +145,7 @@ def _add_colors(prim: Any, mesh: Mesh, images: list[str], color_input: str) -> N
 
 
 def _add_display_colors(prim: Any, light: NDArray[np.float32], domain: str, color_input: str) -> None:
-    """Set `displayColor` to the colours `light` (n, 3) of a domain, and define the material to show them."""
+    """Set `displayColor` to the colours `light` (n, 3) of a domain, and define a material that shows it."""
     from pxr import Sdf, Vt
 
     stage = prim.GetPrim().GetStage()
@@ -167,7 +173,10 @@ def _name_groups(groups: list[FaceGroup]) -> list[str]:
 def _add_group(
     prim: Any, path: str, group: FaceGroup, images: list[str], mesh: Mesh, color_input: str
 ) -> None:
-    """Define the material of a group. It shows an image times a colour, or only a colour."""
+    """Define the material of a group of faces.
+
+    The material shows an image multiplied with a colour, or only a colour.
+    """
     stage = prim.GetPrim().GetStage()
     assert group.color is not None
     if group.image is None:
@@ -177,7 +186,7 @@ def _add_group(
 
 
 def _add_subset(prim: Any, name: str, group: FaceGroup) -> Any:
-    """Define the faces of a group as a subset of a mesh prim, and give it the material of the group."""
+    """Define the faces of a group as a subset of a mesh prim, and bind the group's material to it."""
     from pxr import UsdGeom, UsdShade, Vt
 
     return UsdGeom.Subset.CreateGeomSubset(
@@ -205,7 +214,10 @@ def _set_primvar(primvar: Any, values: NDArray[np.float32], kind: Any) -> None:
 def _add_texture(
     stage: Any, path: str, image: str, mesh: Mesh, color: tuple[float, ...], color_input: str
 ) -> None:
-    """Define a material at `path`. It shows the texture file `image` times `color` (linear light)."""
+    """Define a material at `path`.
+
+    The material shows the texture file `image` multiplied with `color` (linear light).
+    """
     from pxr import Sdf
 
     surface = _add_material(stage, path, color_input)
@@ -246,7 +258,7 @@ def _add_shader(stage: Any, path: str, name: str, **inputs: tuple[Any, Any]) -> 
 def _add_material(stage: Any, path: str, color_input: str) -> Any:
     """Define a material without reflections at `path`, and return its surface shader.
 
-    The colour is set at `color_input`; the other colours are black.
+    The input `color_input` sets the colour. All other colours are black.
     """
     from pxr import Sdf, UsdGeom, UsdShade
 

@@ -1,8 +1,8 @@
-"""Write VTK XML PolyData (.vtp): points, and cells of one, two and three points with cell data.
+"""Writes VTK XML PolyData (.vtp): points, and cells of one, two and three points with cell data.
 
-The layout is defined in "VTK XML file formats" of the VTK documentation. All arrays are raw data in one
-appended block, each preceded by its 64-bit byte count. VTK itself, a large optional dependency (extra
-`view`), is not needed.
+The layout is defined in "VTK XML file formats" of the VTK documentation. A VTP file stores all arrays as raw
+data in one appended block. A 64-bit byte count precedes each array. VTK itself, a large optional dependency
+(extra `view`), is not needed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,14 +16,14 @@ _TYPES = {"f4": "Float32", "f8": "Float64", "i8": "Int64", "u1": "UInt8"}
 
 
 class _Appended:
-    """The raw data block at the end of the file."""
+    """The block of raw data at the end of the file."""
 
     def __init__(self) -> None:
         self.blocks: list[NDArray[Any]] = []
         self.offset = 0
 
     def array(self, name: str, values: NDArray[Any], components: int = 1) -> str:
-        """Append an array to the block; return the XML element that refers to it."""
+        """Append an array to the block. Return the XML element that refers to it."""
         stored = values.dtype if values.dtype.str[1:] in _TYPES else np.dtype(np.float64)
         data = np.ascontiguousarray(values, stored.newbyteorder("<"))
         text = (
@@ -35,13 +35,13 @@ class _Appended:
         return text
 
     def cells(self, tag: str, table: NDArray[Any]) -> str:
-        """Append cells (n, points per cell); return their XML element, called `tag`."""
+        """Append cells (n, points per cell). Return the XML element of the cells, with the name `tag`."""
         ends = np.arange(1, len(table) + 1, dtype=np.int64) * table.shape[1]
         connectivity = self.array("connectivity", table.reshape(-1).astype(np.int64))
         return f"<{tag}>{connectivity}{self.array('offsets', ends)}</{tag}>"
 
     def write(self, file: IO[bytes]) -> None:
-        """Write the block: each array after its length in bytes."""
+        """Write the block: the length in bytes of each array, then the array."""
         for block in self.blocks:
             file.write(block.nbytes.to_bytes(8, "little"))
             file.write(block.reshape(-1).view(np.uint8).data)
@@ -59,8 +59,9 @@ def write_vtp(
 ) -> None:
     """Write PolyData with points (V, 3), and cells: verts (n, 1), lines (n, 2) and polys (n, 3).
 
-    `cell_data` has uint8 or int64 arrays with a value per cell, in VTK's order of cells (verts, lines,
-    polys). `names` is a field array: its name, and its values (ASCII strings).
+    The argument `cell_data` has uint8 or int64 arrays with one value per cell, in VTK's order of cells
+    (verts, lines, polys). The argument `names` describes a field array: its name, and its values (ASCII
+    strings).
     """
     appended = _Appended()
     data = "".join(appended.array(name, values) for name, values in cell_data.items())

@@ -9,15 +9,13 @@ from msb.base.origin import Origin, find_origin
 from msb.errors import MeshError, OutputError
 from msb.meshes.mesh import Mesh
 
-# Number of rows formatted and written at a time. It limits the memory that a writer needs in addition to the
-# mesh.
+# Number of rows that are formatted and written at a time. Writing in blocks of rows limits the additional
+# memory of a writer.
 ROWS_AT_A_TIME = 1 << 16
 
 
 def check_writable(mesh: Mesh) -> None:
-    """Reject meshes with non-finite coordinates or invalid indices, because no format can store them
-    reliably.
-    """
+    """Reject meshes with non-finite coordinates or invalid indices, because formats cannot store them."""
     _require_finite(mesh.vertices, "is not finite")
     check_indices(mesh)
 
@@ -33,7 +31,7 @@ def check_indices(mesh: Mesh) -> None:
 
 
 def as_float32(vertices: NDArray[Any], name: str) -> NDArray[np.float32]:
-    """Return `vertices` (V, 3) as float32, the precision of the format called `name`."""
+    """Return `vertices` (V, 3) as float32, which is the precision of the format `name`."""
     with np.errstate(over="ignore"):
         narrow = vertices.astype(np.float32, copy=False)
     _require_finite(vertices, "is not finite")
@@ -42,16 +40,16 @@ def as_float32(vertices: NDArray[Any], name: str) -> NDArray[np.float32]:
 
 
 def as_local(vertices: NDArray[Any], name: str) -> tuple[NDArray[np.float32], Origin]:
-    """Return `vertices` (V, 3) as float32 relative to their origin, and the origin, for the format `name`."""
+    """Return `vertices` (V, 3) as float32 relative to an origin, and this origin, for format `name`."""
     origin = find_origin(vertices)
     return as_float32(vertices - np.asarray(origin) if any(origin) else vertices, name), origin
 
 
 def write_rows(stream: BinaryIO, form: str, columns: NDArray[Any]) -> None:
-    """Write each row of `columns` (N, K) as one line of text, formatted with `form` (K conversions with %).
+    """Write each row of `columns` (N, K) as a line of text. The format `form` has K conversions with %.
 
-    "%r" writes the shortest decimal that reads back as the same float64. Float32 values are therefore exact,
-    too.
+    The conversion "%r" writes the shortest decimal that reads back as the same float64. This conversion is
+    therefore also exact for float32.
     """
     line = form + "\n"
     for start in range(0, len(columns), ROWS_AT_A_TIME):

@@ -1,1 +1,1 @@
-"""The built-in methods, one folder each; `msb.registry` finds built-in and installed methods."""
+"""The built-in methods. Each method has a folder. `msb.registry` finds built-in and installed methods."""

@@ -1,7 +1,9 @@
-"""PSNR, SSIM and LPIPS of images and the Chamfer distance of DTU, each with a fixed and named definition.
+"""PSNR, SSIM and LPIPS of images, and the Chamfer distance of DTU.
 
-docs/metrics.md gives the definitions and compares them with other programs. `identity` returns the data to
-store beside every number.
+Each metric has a fixed and named definition.
+
+The definitions, and comparisons with other programs, are in docs/metrics.md. Store the result of `identity`
+beside every measured value.
 """
 
 from msb.metrics.chamfer import chamfer_dtu, chamfer_points, chamfer_surface

@@ -12,14 +12,14 @@ from msb.metrics.dtu_data import DtuScan, read_dtu_scan
 from msb.metrics.identity import Definition
 from msb.metrics.sampling import mesh_arrays, sample_surface, thin
 
-# Spacing of the samples and radius of the thinning in mm, as in the benchmark.
+# Spacing of the samples, and radius of the thinning, in mm, as in the benchmark.
 DENSITY = 0.2
-# Points outside the bounding box still count within a margin. The margin is this many mm below the lower
-# corner, and twice as many above the upper corner, as in upstream.
+# Points within this margin around the bounding box are also measured. Margin in mm at the lower corner. The
+# margin at the upper corner is twice as wide, as in the official code.
 PATCH = 60.0
-# Distances of at least this many mm are excluded from the averages. They are not clipped.
+# Distances of this many mm or more are excluded from the averages. Distances are not clipped to the limit.
 MAX_DISTANCE = 20.0
-# Number of query points per batch.
+# Number of query points per batch of the neighbour search.
 _QUERIES = 1 << 20
 
 
@@ -45,14 +45,14 @@ def chamfer_dtu(
     seed : int
         The seed of the shuffle before thinning: `numpy.random.default_rng(seed).shuffle(points, axis=0)`.
     max_distance : float
-        Distances from this one on, in mm, are excluded; 20 in the benchmark.
+        Distances of at least this many mm are excluded; the benchmark uses 20.
 
     Returns
     -------
     dict
         In mm: "mean_d2s" (mesh to scan: accuracy), "mean_s2d" (scan to mesh: completeness) and their average
-        "overall". A value without points is None, and "reason" explains it. Further keys: "scan", "seed",
-        "identity", and the number of points at each stage ("n_...").
+        "overall". A value that cannot be computed is None, and "reason" explains why. Further keys: "scan",
+        "seed", "identity", and the number of points at each stage ("n_...").
 
     Raises
     ------
@@ -80,7 +80,7 @@ def chamfer_surface(
 ) -> dict[str, Any]:
     """Return the result of `chamfer_dtu` for a mesh of vertices (V, 3), in mm, and faces (F, 3).
 
-    Every vertex is a sample, even if no face uses it. Zero-area faces give no samples.
+    Every vertex is a sample, including vertices without faces. Zero-area faces give no samples.
     """
     generator = np.random.default_rng(seed)
     points, corners = mesh_arrays(vertices, faces)
@@ -97,12 +97,12 @@ def chamfer_surface(
 def chamfer_points(points: ArrayLike, data: DtuScan, *, max_distance: float = MAX_DISTANCE) -> dict[str, Any]:
     """Return the distances in mm between thinned points (N, 3) and a scan.
 
-    The keys are the same as for `chamfer_dtu`, without the keys that need a mesh.
+    The result has the keys of `chamfer_dtu` that do not need a mesh.
     """
     cloud, _ = mesh_arrays(points, ())
     low, high = data.box[:1] - np.float32(PATCH), data.box[1:] + np.float32(2 * PATCH)
-    # inside: points within the margins of the box; seen: points in observed voxels; above: scan points above
-    # the table.
+    # Select the points within the margins of the box, the points in observed voxels, and the scan points
+    # above the table.
     inside = cloud[((cloud >= low) & (cloud < high)).all(axis=1)]
     voxel = np.around((inside - data.box[:1]) / data.resolution)
     in_grid = ((voxel >= 0) & (voxel < data.observed.shape)).all(axis=1)

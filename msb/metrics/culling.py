@@ -1,4 +1,4 @@
-"""Step 0 of the DTU evaluation: remove parts outside the masks, and scale to the laser scans."""
+"""Step 0 of the DTU evaluation: remove the mesh outside the masks, and scale it to the laser scans."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -17,11 +17,12 @@ DILATION = 24
 class CulledMesh:
     """The part of a mesh that culling keeps."""
 
-    # (V', 3), in DTU's millimetres. Kept vertices without faces stay, because they are samples.
+    # Vertices (V', 3) in DTU's millimetres. Kept vertices without faces are included, because they are
+    # samples.
     vertices: NDArray[np.float64]
-    # (F', 3), the faces with three kept vertices, in the old order.
+    # Faces (F', 3) with three kept vertices, in the old order.
     faces: NDArray[np.int64]
-    # (V,), whether each old vertex was kept.
+    # Mask (V,) of the old vertices that were kept.
     kept: NDArray[np.bool_]
 
 
@@ -36,15 +37,16 @@ def cull_dtu(
 ) -> CulledMesh:
     """Return the part of a mesh that lies in the dilated masks of all views, in DTU's world.
 
-    A view keeps a vertex if its mask, dilated by `dilation` pixels, contains the nearest pixel, or if the
-    vertex projects outside the image. A vertex stays if all views keep it. As in upstream, depth is not
-    tested: a vertex behind a camera is tested at its mirrored projection.
+    A view keeps two kinds of vertices: vertices that project outside the image, and vertices whose nearest
+    pixel is in the mask dilated by `dilation` pixels. A vertex is kept if no view removes it. Depth is not
+    tested, as in the official code: a vertex behind a camera is tested at its mirrored projection.
 
     The vertices (V, 3) are in the normalised frame of cameras.npz, like the COLMAP model and the trained
-    asset. A kept vertex x becomes scale_mat_0[0, 0] x + scale_mat_0[:3, 3], in millimetres. `world_mats` and
-    `scale_mats` are the matrices world_mat_i and scale_mat_i (4, 4) of cameras.npz, one per view; world @
-    scale projects to pixels. Masks (H, W) or (H, W, C) have full size, 1600 x 1200. Values above 0 in the
-    first channel mark the object. Pass a generator that reads one mask at a time to save memory.
+    asset. A kept vertex x is transformed to scale_mat_0[0, 0] x + scale_mat_0[:3, 3], in millimetres.
+    `world_mats` and `scale_mats` are the matrices world_mat_i and scale_mat_i (4, 4) of cameras.npz, one per
+    view; world @ scale projects to pixels. Masks (H, W) or (H, W, C) have full size, 1600 x 1200. Values
+    above 0 in the first channel mark the object. To save memory, pass a generator that reads one mask at a
+    time.
 
     Source: `hbb1/2d-gaussian-splatting`: scripts/eval_dtu/evaluate_single_scene.py (`cull_scan`).
     """
@@ -74,8 +76,8 @@ def _test_view(
     from scipy.ndimage import distance_transform_edt
 
     height, width = mask.shape
-    # Scale the matrix to K [R | t] with K[2, 2] = 1. Then z is a depth, and adding 1e-6 avoids division by
-    # zero.
+    # Scale the matrix to K [R | t] with K[2, 2] = 1. The coordinate z is then a depth. Add 1e-6 to avoid
+    # division by zero.
     norm = np.linalg.norm(matrix[2, :3])
     sign = np.linalg.det(matrix[:3, :3])
     if not norm > 0 or sign == 0:
@@ -84,7 +86,7 @@ def _test_view(
     image = points @ projection[:, :3].T + projection[:, 3]
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         place = image[:, :2] / (image[:, 2:] + 1e-6)
-        # Pixel coordinates scaled to [-1, 1]. Vertices that project outside the image are kept.
+        # Scale pixel coordinates to [-1, 1]. Vertices that project outside the image are kept.
         centred = 2 * place / (width - 1, height - 1) - 1
         valid = (np.abs(centred) < 1).all(axis=1)
     wide = distance_transform_edt(~mask) <= dilation if mask.any() else mask

@@ -14,27 +14,28 @@ from msb.errors import InputError, MetricError
 from msb.meshes import read_mesh
 from msb.metrics.matlab import find_variables
 
-# Maximum number of voxels, more than any scan has. The maximum limits memory, because compressed zeros expand
-# to a thousand times their size.
+# Maximum number of voxels. All published scans have fewer voxels. A larger number could exhaust the memory,
+# because zeros are compressed a thousandfold.
 _MAX_VOXELS = 1 << 29
-# Largest absolute value in a file, far beyond any scan, so that no computation overflows.
+# Largest absolute value in a file. Values of real scans are far smaller. Computations with values up to this
+# limit do not overflow.
 _LARGEST = 1e30
 _SHAPES = {"BB": (2, 3), "Res": (1, 1), "P": (4, 1)}
 
 
 @dataclass(frozen=True, eq=False)
 class DtuScan:
-    """The data with which meshes of one scan are compared; lengths are in millimetres."""
+    """The evaluation data of one scan. Lengths are in millimetres."""
 
-    # (N, 3), points of the laser scan.
+    # Points (N, 3) of the laser scan.
     points: NDArray[np.float64]
-    # (X, Y, Z), whether a surface in the voxel could be observed.
+    # Mask (X, Y, Z) of the voxels in which a surface could be observed.
     observed: NDArray[np.bool_]
-    # (2, 3), opposite corners of the grid; voxel (i, j, k) is centred at box[0] + resolution (i, j, k).
+    # Opposite corners (2, 3) of the grid. Voxel (i, j, k) is centred at box[0] + resolution (i, j, k).
     box: NDArray[np.float32]
     # Side length of a voxel in mm.
     resolution: float
-    # (4,), points with plane . (x, y, z, 1) > 0 are above the table.
+    # Plane (4,) of the table. For a point p above the table, dot(plane, (p, 1)) is positive.
     plane: NDArray[np.float64]
 
 
@@ -59,7 +60,7 @@ def read_dtu_scan(dataset_dir: str | os.PathLike[str], scan: int) -> DtuScan:
     cloud = folder / "Points" / "stl" / f"stl{scan:03d}_total.ply"
     points = read_mesh(cloud, images=False).vertices.astype(np.float64, copy=False)
     _check_numbers(cloud, "a coordinate", points)
-    # float32 as in upstream, because rounding decides whether a point at the border is in the box.
+    # use float32 as the official code does, because rounding affects points at the border of the box
     box = np.asarray(grid["BB"], np.float32)
     return DtuScan(points, grid["ObsMask"] != 0, box, resolution, np.asarray(plane, np.float64).ravel())
 

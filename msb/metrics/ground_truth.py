@@ -1,4 +1,4 @@
-"""Prepare a photograph for comparison with a rendering: turn, undistort, mask, resize and round it."""
+"""Prepare a photograph for comparison with a rendering: rotate, undistort, mask, resize and round it."""
 
 from collections.abc import Callable
 from typing import Any
@@ -18,7 +18,7 @@ from msb.scenes.lenses import undistort_image
 def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
     """Return the photograph of `camera`, prepared for comparison with a rendering.
 
-    It is turned and undistorted first (`read_photograph`).
+    The photograph is rotated and undistorted first (`read_photograph`).
 
     Parameters
     ----------
@@ -30,8 +30,8 @@ def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
     Returns
     -------
     image : (H, W, 3) float32
-        RGB in [0, 1] at the size of the camera. If the rules round to 8 bits by floor(255 x + 0.5), as ours
-        do, values are multiples of 1 / 255.
+        RGB in [0, 1] at the size of the camera. Our rules round floats to 8 bits by floor(255 x + 0.5), so
+        that values are multiples of 1 / 255.
 
     Raises
     ------
@@ -40,14 +40,14 @@ def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
     SceneError
         CAMERA_DISTORTED: the lens cannot be undistorted.
     MetricError
-        METRIC_IMAGE: a file is damaged or of another kind. METRIC_SIZES_DIFFER: mask and photograph differ in
-        size.
+        METRIC_IMAGE: a file is damaged or has an unsupported format. METRIC_SIZES_DIFFER: mask and photograph
+        differ in size.
 
     Notes
     -----
     Photographs without a mask are resized as 8-bit images, bit for bit like the 3DGS family
     (`graphdeco-inria/gaussian-splatting`: utils/general_utils.py, PILtoTorch). "before_resize": the mask is
-    applied at the stored size, in floats, and floats are resized. "after_resize": colours and mask are
+    applied to floats at the stored size, and the result is resized. "after_resize": colours and mask are
     resized separately as 8-bit images, then I = rgb a + background (1 - a).
     """
     if camera.image_path is None:
@@ -73,30 +73,30 @@ def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
 
 
 def read_photograph(scene: Scene, camera: Camera) -> NDArray[np.uint8]:
-    """Return the photograph of a view of a scene as its pinhole camera takes it, before masks and resizing.
+    """Return the photograph of a view, rotated and undistorted, before masking and resizing.
 
-    The result is (H, W, 3), or (H, W, 4) with alpha. The EXIF orientation is applied where the scene says so,
-    grey becomes R = G = B, and lens distortion is removed. Raises like `ground_truth`.
+    The result is (H, W, 3), or (H, W, 4) with alpha. The EXIF orientation is applied if the scene requires
+    this, grey becomes R = G = B, and lens distortion is removed. Raises like `ground_truth`.
     """
     assert camera.image_path is not None
     pixels = read_pixels(camera.image_path, PHOTOGRAPH_MODES)
     if pixels.ndim == 2:
         pixels = pixels[..., None]
-    if pixels.shape[2] < 3:  # grey, perhaps with alpha
+    if pixels.shape[2] < 3:  # convert a grey image to colour
         pixels = np.concatenate([pixels[..., :1].repeat(3, axis=2), pixels[..., 1:]], axis=2)
     reading = scene.readings.get(str(camera.name), Reading())
     return _apply_reading(pixels, reading)
 
 
 def _apply_reading(pixels: NDArray[np.uint8], reading: Reading) -> NDArray[np.uint8]:
-    """Return an image (H, W, C) turned and undistorted."""
+    """Return an image (H, W, C) after rotation and undistortion."""
     if reading.orientation != 1:
         pixels = np.ascontiguousarray(_TURNS[reading.orientation](pixels))
     return pixels if reading.lens is None else undistort_image(pixels, reading.lens)
 
 
-# EXIF orientation -> function that turns an image upright (EXIF 2.3: Orientation). Only those that swap the
-# axes are ever applied.
+# For each EXIF orientation, the function that rotates an image upright (EXIF 2.3: Orientation). Orientations
+# that do not swap the axes are never applied.
 _TURNS: dict[int, Callable[[NDArray[np.uint8]], NDArray[np.uint8]]] = {
     5: lambda image: image.swapaxes(0, 1),
     6: lambda image: np.rot90(image, -1),
@@ -106,10 +106,10 @@ _TURNS: dict[int, Callable[[NDArray[np.uint8]], NDArray[np.uint8]]] = {
 
 
 def read_photograph_mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """Return the mask (H, W, 1) of a view, like its photograph of (H, W) = `shape`: turned and undistorted.
+    """Return the mask (H, W, 1) of a view, rotated and undistorted like its photograph of (H, W) = `shape`.
 
-    It is the first channel of the file, as for culling; a view without a mask is opaque. Masks of captures
-    may be smaller or larger than the photographs, and are then resized.
+    The mask is the first channel of the file. A view without a mask is opaque. In captures outside the
+    benchmark, a mask of another size is resized.
     """
     path = scene.masks.get(str(camera.name))
     if path is None:
@@ -117,12 +117,12 @@ def read_photograph_mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -
     mask, reading = read_mask(path)[..., None], scene.readings.get(str(camera.name), Reading())
     lens = reading.lens
     height, width = shape if lens is None else (lens.height, lens.width)
-    # A mask with the shape of the turned photograph was made for it; another is turned as well.
+    # A mask with the shape of the rotated photograph is already upright. All other masks are rotated.
     if reading.orientation != 1 and (mask.shape[0] > mask.shape[1]) != (height > width):
         mask = _apply_reading(mask, Reading(reading.orientation))
     if mask.shape[:2] != (height, width):
         if scene.dataset in DATASETS:
-            text = f"it has {mask.shape[1]} x {mask.shape[0]} pixels, its photograph {width} x {height}"
+            text = f"it has {mask.shape[1]} x {mask.shape[0]} pixels; its photograph has {width} x {height}"
             raise MetricError("METRIC_SIZES_DIFFER", text, file=path)
         mask = _resize(mask, (width, height), "bilinear")
     return _apply_reading(mask, Reading(lens=lens))
@@ -134,7 +134,10 @@ def _composite(color: NDArray[np.uint8], alpha: NDArray[np.uint8], background: A
 
 
 def _resize(image: NDArray[Any], size: tuple[int, int], resampling: str) -> NDArray[Any]:
-    """Return the image, resized by Pillow to `size`. Bytes stay bytes, and floats become float32."""
+    """Return the image, resized by Pillow to `size`.
+
+    The result is uint8 for a uint8 image, otherwise float32.
+    """
     from PIL import Image
 
     if (image.shape[1], image.shape[0]) == size:

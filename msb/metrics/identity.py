@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from msb.errors import Finding
 
-# (H, W, 3), in [0, 1].
+# An image (H, W, 3) in [0, 1].
 Pixels = NDArray[np.float64]
 
-# Preparation of both images for any image metric; bytes are used unchanged.
+# Rounding rule for the floats of both images, used by every image metric. Bytes are not rounded.
 INPUT_RULE = "clamp to [0, 1], floor(255 x + 0.5) / 255"
 
 
@@ -22,8 +22,8 @@ INPUT_RULE = "clamp to [0, 1], floor(255 x + 0.5) / 255"
 class Identity:
     """The data to store beside a value so that it can be compared with other values.
 
-    An identity repeats the `Definition` of the metric, with the versions of its libraries and the hashes of
-    its weights.
+    An identity consists of the metric's `Definition`, the versions of its libraries and the hashes of its
+    weights.
     """
 
     name: str
@@ -42,7 +42,7 @@ class Identity:
 
 
 def defined(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the JSON of an identity without library versions: the part that defines the metric."""
+    """Return the part of an identity that defines the metric, without the versions of libraries."""
     return {key: value for key, value in identity.items() if key != "libraries"}
 
 
@@ -50,22 +50,22 @@ def defined(identity: Mapping[str, Any]) -> dict[str, Any]:
 class Definition:
     """The definition of a metric, independent of its input."""
 
-    # The name in identities.
+    # The metric's name in identities.
     name: str
     better: Literal["higher", "lower"]
-    # "dB", "mm" or "1".
+    # The unit of values: "dB", "mm" or "1".
     unit: str
-    # All parameters of the definition.
+    # All parameters of the metric's definition.
     parameters: Mapping[str, Any]
-    # Packages whose arithmetic affects the value; their versions are recorded.
+    # Packages whose arithmetic affects the value. The versions of these packages are recorded.
     libraries: tuple[str, ...]
-    # Increase this number when a change of the code changes values.
+    # Increase this number when a code change alters the values.
     version: int = 1
 
     def identity(
         self, *, weights: Mapping[str, Any] | None = None, **chosen: str | float | bool | None
     ) -> Identity:
-        """Return the identity of a value computed now; `chosen` overrides parameters."""
+        """Return the identity of a value computed now. The arguments `chosen` override the parameters."""
         packages = {package: package_version(package) for package in self.libraries}
         parameters = {**self.parameters, **chosen}
         return Identity(self.name, self.version, self.better, self.unit, parameters, packages, weights)
@@ -85,7 +85,8 @@ class Network(Protocol):
 class ImageMetric(Definition):
     """A metric of two images, declared by its module.
 
-    A line of `msb.metrics.registry` registers it, or an entry point of its package (group `msb.metrics`).
+    A metric is registered by a line of `msb.metrics.registry`, or by an entry point of its package (group
+    `msb.metrics`).
 
     Attributes
     ----------
@@ -98,13 +99,13 @@ class ImageMetric(Definition):
     equal : float
         The value for equal images. All values are finite except the PSNR of equal images.
     measure : callable, optional
-        A function of rendering and ground truth that returns the value. Both are (H, W, 3) float64 in [0, 1],
-        of equal size and rounded according to `INPUT_RULE`.
+        A function of rendering and ground truth that returns the value. Both images are (H, W, 3) float64 in
+        [0, 1], of equal size and rounded according to `INPUT_RULE`.
     load : callable, optional
-        Replaces `measure` for a metric that needs VGG weights: it takes the weight file and returns the
-        network, which is called like `measure`.
+        A replacement of `measure` for metrics with VGG weights. The function loads a weight file and returns
+        a network with the signature of `measure`.
     modules : tuple of str
-        Modules of the extra `bench` that it imports.
+        Modules of the extra `bench` that the metric imports.
     """
 
     key: str
@@ -122,7 +123,10 @@ class ImageMetric(Definition):
         quantize: bool | str | float | None = True,
         **chosen: str | float | bool | None,
     ) -> Identity:
-        """Return the identity, see `Definition`; `quantize` tells whether floats are rounded to 8 bits."""
+        """Return the identity of a value (see `Definition`).
+
+        Set `quantize` if floats are rounded to 8 bits.
+        """
         plain = super().identity(weights=weights, **chosen)
         rule = INPUT_RULE if quantize else "clamp to [0, 1]"
         return replace(plain, parameters={"input": rule, **plain.parameters})

@@ -21,20 +21,20 @@ Color = tuple[float, float, float]
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".npy", ".exr")
 # Maximum width and height of an image in pixels.
 MAX_SIDE = 65_535
-# Maximum number of pixels of an image: 67 million, more than any benchmark has. Checked before decoding.
+# Maximum number of pixels of an image: 67 million, more than in any benchmark. Checked before decoding.
 MAX_PIXELS = 1 << 26
 _NPY = b"\x93NUMPY"
-# Bytes of a PNG header: signature, length and type of IHDR, width, height, bit depth, colour type.
+# Number of bytes of a PNG header: signature, length and type of IHDR, width, height, bit depth, colour type.
 _PNG_HEAD = 26
 
 
 def read_image(path: str | os.PathLike[str], *, background: Color | None = None) -> NDArray[Any]:
-    """Return the image in a file as (H, W, 3): bytes of a PNG or JPEG, floats of .npy or .exr, as stored.
+    """Return an image (H, W, 3) from a file: the bytes of a PNG or JPEG, the floats of a .npy or .exr.
 
-    The suffix determines the format. PNG and JPEG have 8-bit RGB, PNG optionally with alpha; NPY holds (H, W,
-    3) uint8 or float; EXR has the channels R, G, B. Orientation, gamma and colour profiles are ignored.
-    Partly transparent pixels become rgb a + background (1 - a), with values in [0, 1], in float64 without
-    rounding. An image with alpha 255 everywhere needs no background.
+    The suffix determines the format. PNG and JPEG have 8-bit RGB, and PNG optionally has alpha. NPY contains
+    (H, W, 3) uint8 or float. EXR has the channels R, G, B. Orientation, gamma and colour profiles are
+    ignored. Partly transparent pixels become rgb a + background (1 - a), with values in [0, 1], in float64
+    without rounding. An image with alpha 255 everywhere needs no background.
     """
     place = regular_file(path)
     suffix = place.suffix.lower()
@@ -56,7 +56,7 @@ def _decoding(path: Path) -> Iterator[None]:
         yield
     except MetricError:
         raise
-    except Exception as error:  # decoders raise all kinds of exceptions for damaged files
+    except Exception as error:  # decoders raise various exceptions for damaged files
         raise _file_error(path, f"it cannot be decoded: {library_reason(error)}") from error
 
 
@@ -71,9 +71,9 @@ def _check_size(path: Path, width: int, height: int) -> None:
 
 
 def read_pixels(path: Path, modes: tuple[str, ...] = ("RGB", "RGBA")) -> NDArray[np.uint8]:
-    """Return the pixels of an image file as stored, (H, W, 3), or (H, W, 4) with alpha.
+    """Return the stored pixels of an image file: (H, W, 3), or (H, W, 4) with alpha.
 
-    `modes` are the accepted Pillow modes; "L", grey, gives (H, W), and "LA" (H, W, 2).
+    `modes` lists the accepted Pillow modes. Grey images in mode "L" give (H, W), and "LA" gives (H, W, 2).
     """
     path = regular_file(path)
     with _decoding(path):
@@ -81,7 +81,7 @@ def read_pixels(path: Path, modes: tuple[str, ...] = ("RGB", "RGBA")) -> NDArray
 
 
 def read_mask(path: Path) -> NDArray[np.uint8]:
-    """Return the first channel (H, W) of a mask; the file may also be grey."""
+    """Return the first channel (H, W) of a mask. The file may also be a grey image."""
     pixels = read_pixels(path, ("L", "RGB", "RGBA"))
     return pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[..., 0])
 
@@ -91,7 +91,7 @@ def _decode(path: Path, modes: tuple[str, ...]) -> NDArray[np.uint8]:
 
     _check_png_kind(path)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Pillow's warnings about sizes; this module checks sizes itself
+        warnings.simplefilter("ignore")  # `_check_size` checks the size
         image = Image.open(path, formats=image_formats())
     with image:
         _check_size(path, *image.size)
@@ -114,7 +114,7 @@ def _composite(path: Path, pixels: NDArray[np.uint8], background: Color | None) 
         share = np.count_nonzero(alpha != 255) / alpha.size
         text = f"{share:.0%} of the pixels are not opaque, and no background colour was given"
         raise MetricError("METRIC_IMAGE_ALPHA", text, file=path)
-    # Compute in place, one channel at a time: the largest image has 1.5 GiB of floats.
+    # Compute in place, one channel at a time, because the floats of the largest image take 1.5 GiB.
     image = color / 255.0
     weight = alpha / 255.0
     image *= weight[..., None]
@@ -125,7 +125,7 @@ def _composite(path: Path, pixels: NDArray[np.uint8], background: Color | None) 
 
 
 def _check_png_kind(path: Path) -> None:
-    """Reject files that Pillow would silently convert to 8-bit RGB, losing the lower half of 16 bits."""
+    """Reject 16-bit files, which Pillow would silently convert to 8-bit RGB."""
     with path.open("rb") as file:
         head = file.read(_PNG_HEAD)
     if not head.startswith(b"\x89PNG\r\n\x1a\n"):
@@ -140,8 +140,8 @@ def _check_png_kind(path: Path) -> None:
 
 
 def _read_npy(path: Path) -> NDArray[Any]:
-    # Memory-mapped, so that the header is checked against the file size before reading. Pickles are not
-    # loaded.
+    # Map the file into memory, so that the header is checked against the file size before reading. Pickled
+    # objects are not loaded.
     with path.open("rb") as file:
         if file.read(len(_NPY)) != _NPY:
             raise _file_error(path, "the file is not an array written by numpy.save")
@@ -162,7 +162,7 @@ def _read_exr(path: Path) -> NDArray[Any]:
         corners = np.asarray(file.header()["dataWindow"], np.int64)
     width, height = (int(side) for side in corners[1] - corners[0] + 1)
     _check_size(path, width, height)
-    printed = io.StringIO()  # the library only prints a message for unreadable pixels, and returns zeros
+    printed = io.StringIO()  # for unreadable pixels, the library prints a message and returns zeros
     with contextlib.redirect_stdout(printed), OpenEXR.File(str(path)) as file:
         channels = file.channels()
         names = ", ".join(sorted(channels)) or "none"

@@ -20,7 +20,8 @@ _WINDOW_RADIUS = 5
 
 def find_max_psnr(pixels: int) -> float:
     """Return the largest PSNR in dB that two different 8-bit images with this number of pixels can have."""
-    # Values are bytes / 255. The smallest difference is a step of 1/255 in a single value.
+    # Pixel values are bytes / 255. The smallest difference is one step of 1/255 in a single channel of one
+    # pixel.
     return 10 * math.log10(255**2 * 3 * pixels)
 
 
@@ -30,10 +31,10 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
     Parameters
     ----------
     pred, gt : (H, W, 3) uint8 or float
-        RGB images of equal size. Floats are in [0, 1] and clamped to it; bytes are divided by 255.
+        RGB images of equal size. Floats are clamped to [0, 1]; bytes are divided by 255.
     quantize : bool
         Whether floats are first rounded to 8 bits by floor(255 x + 0.5), like the files behind published
-        numbers. The benchmark does so.
+        numbers. The benchmark rounds images to 8 bits.
 
     Returns
     -------
@@ -62,10 +63,10 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
 
 
 def psnr_of_mse(mse: float) -> float:
-    """Return the PSNR in dB of a mean squared error of values in [0, 1]; inf if it is 0.
+    """Return the PSNR in dB of a mean squared error of values in [0, 1]; inf if the error is 0.
 
-    Divide the mean squared error of bytes by 255^2 first. Callers decide how to print or average an infinite
-    PSNR: as `PSNR_CAP`, as None or as "equal".
+    For bytes, divide the mean squared error by 255^2 before the call. Callers decide how to print or average
+    an infinite PSNR: as `PSNR_CAP`, as None or as "equal".
     """
     return math.inf if mse == 0 else -10 * math.log10(mse)
 
@@ -75,7 +76,7 @@ def _psnr(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 
 
 def ssim(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
-    """Return the structural similarity as the 3DGS family evaluates it, in float64.
+    """Return the structural similarity (SSIM) as evaluated by the 3DGS family, in float64.
 
     The window is an 11 x 11 Gaussian with sigma 1.5 pixels. The image is padded with zeros, so every pixel
     counts. Variances are population variances, C1 = 0.01^2, C2 = 0.03^2, and the result is the average over
@@ -84,7 +85,7 @@ def ssim(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
     Parameters
     ----------
     pred, gt : (H, W, 3) uint8 or float
-        Images as for `psnr`, of any size from one pixel on.
+        Images as for `psnr`, of at least one pixel.
     quantize : bool
         As for `psnr`.
 
@@ -110,16 +111,17 @@ def ssim(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
 
 def _ssim(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     need_extra("bench", "skimage", what="SSIM")
-    with ThreadPoolExecutor(3) as pool:  # the filters release the GIL, and need memory per channel
+    with ThreadPoolExecutor(3) as pool:  # the filters release the GIL
         channels = list(pool.map(_ssim_channel, np.moveaxis(a, 2, 0), np.moveaxis(b, 2, 0)))
     return math.fsum(channels) / len(channels)
 
 
 def _ssim_channel(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """Return the average SSIM over a channel (H, W).
+    """Return the average SSIM of one channel (H, W).
 
-    scikit-image averages over windows that lie inside its input. So the image is first padded with zeros by
-    the radius of the window. Then there is a window around every pixel of the image.
+    scikit-image averages only over windows that lie completely inside the image. The image is therefore
+    padded with zeros by the radius of the window. After padding, there is a window around every pixel of the
+    image.
     """
     from skimage.metrics import structural_similarity
 
@@ -153,7 +155,7 @@ def check_pair(
 
 
 def check_image(image: ArrayLike, name: str) -> NDArray[Any]:
-    """Return an image that metrics accept, or raise METRIC_IMAGE with the fault of the image `name`."""
+    """Return an image that metrics accept. If the image called `name` is invalid, raise METRIC_IMAGE."""
     array = np.asarray(image)
     if array.ndim != 3 or array.shape[2] != 3 or array.size == 0:
         shape = " x ".join(map(str, array.shape)) or "a single value"
@@ -169,7 +171,7 @@ def check_image(image: ArrayLike, name: str) -> NDArray[Any]:
         y, x, channel = (int(i) for i in np.argwhere(~finite)[0])
         text = f"{name}[{y}, {x}, {channel}] is {array[y, x, channel]}; every value must be a finite number"
         raise MetricError("METRIC_IMAGE", text, pointer=f"{name}[{y}, {x}, {channel}]")
-    # A few bright pixels may come from the renderer and are clamped. If most values are above 2, they are
+    # A few values above 1 may come from the renderer and are clamped. If most values are above 2, they are
     # probably bytes that were not divided by 255.
     if 2 * np.count_nonzero(array > 2) > array.size:
         text = f"most values of {name} are above 2, the largest is {array.max():g}; floats must be in [0, 1]"
@@ -178,9 +180,9 @@ def check_image(image: ArrayLike, name: str) -> NDArray[Any]:
 
 
 def _to_unit_range(array: NDArray[Any], quantize: bool) -> NDArray[np.float64]:
-    """Return values in [0, 1].
+    """Return an image as values in [0, 1].
 
-    With `quantize` floats are first rounded to bytes, without a change of their precision.
+    If `quantize` is true, floats are first rounded to multiples of 1 / 255.
     """
     if array.dtype != np.uint8:
         kind = array.dtype if array.dtype.itemsize >= 4 else np.dtype(np.float32)

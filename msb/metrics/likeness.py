@@ -1,4 +1,4 @@
-"""Similarity of two renderings of one object: the PSNR limits in dB that all verdicts share."""
+"""Similarity of two renderings of one object: the PSNR limits in dB used by all verdicts."""
 
 import math
 
@@ -9,8 +9,8 @@ NEARLY = 25.0
 
 
 def decibels(value: float) -> str:
-    """Return "34.9 dB" for 34.998.
+    """Return a PSNR as text, such as "34.9 dB" for 34.998.
 
-    The value is rounded down, so that a value just below a limit is not printed as the limit.
+    The PSNR is rounded down, so that a value just below a limit is not printed as the limit.
     """
     return f"{math.floor(10 * value + 1e-9) / 10:.1f} dB"

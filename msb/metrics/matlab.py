@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 _HEADER = 128
 _MATRIX, _COMPRESSED = 14, 15
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-# Class numbers of numeric arrays; lower numbers are cells, structures, text and sparse arrays.
+# Class numbers of numeric arrays. Smaller numbers are the classes of cells, structures, text and sparse
+# arrays.
 _NUMERIC = range(6, 16)
 _COMPLEX = 0x0800
-# Maximum number of bytes before the numbers of an array: flags, up to 32 axes, and a name of up to 63
+# Maximum number of bytes before the values of an array: flags, up to 32 axes, and a name of up to 63
 # characters.
 _HEAD = 1024
 _ENDS = "the file ends within a variable"
@@ -29,10 +30,10 @@ _ENDS = "the file ends within a variable"
 
 @dataclass(frozen=True)
 class Variable:
-    """An array in a file; its numbers are not read yet."""
+    """An array in a MATLAB file. The values are not read yet."""
 
     name: str
-    # As stored and unchecked.
+    # Values as stored, without a check.
     shape: tuple[int, ...]
     _body: memoryview
     _compressed: bool
@@ -41,7 +42,10 @@ class Variable:
     _start: int
 
     def read(self) -> NDArray[Any]:
-        """Return the numbers, read-only, in their stored type; MATLAB stores integers in smaller types."""
+        """Return the values as a read-only array in their stored type.
+
+        MATLAB stores integers in smaller types.
+        """
         if not self._numeric or min(self.shape) < 0:
             raise ValueError(f"{self.name} does not hold real numbers")
         count = math.prod(self.shape)
@@ -80,7 +84,7 @@ def find_variables(data: bytes) -> dict[str, Variable]:
 
 def _describe(body: memoryview, compressed: bool, order: str) -> Variable:
     head = _unpack(body, compressed, _HEAD)
-    at = 8 if compressed else 0  # the tag of the matrix is part of the compressed data
+    at = 8 if compressed else 0  # for compressed data, skip the tag of the matrix
     _, start, _, at = _read_element(head, at, order)
     flags = _read_numbers(head, start, 1, order)[0]
     _, start, size, at = _read_element(head, at, order)
@@ -94,7 +98,7 @@ def _describe(body: memoryview, compressed: bool, order: str) -> Variable:
 def _read_element(data: bytes | memoryview, at: int, order: str) -> tuple[int, int, int, int]:
     """Return type, start and length of the element at `at`, and the position of the next element."""
     word = _read_numbers(data, at, 1, order, "I")[0]
-    if word >> 16:  # small format: the upper half of the word is the length, and the data follow at once
+    if word >> 16:  # small format: the upper half of the word is the length, and the data follow immediately
         return word & 0xFFFF, at + 4, word >> 16, at + 8
     size = _read_numbers(data, at + 4, 1, order, "I")[0]
     return word, at + 8, size, at + 8 + size + -size % 8

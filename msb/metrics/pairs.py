@@ -1,4 +1,4 @@
-"""Pair images for comparison by full relative name, never by position in a list."""
+"""Pair images for comparison by their full relative names, never by their positions in a list."""
 
 import os
 from collections.abc import Iterable
@@ -10,7 +10,7 @@ from msb.base.paths import given_path, normal_form
 from msb.errors import InputError, MetricError, shorten
 from msb.metrics.image_files import IMAGE_SUFFIXES
 
-# Number of names that an error lists; further names are only counted.
+# Number of names that an error message lists. Further names are counted.
 _NAMED = 5
 _PLANES = tuple(f"{kind}{suffix}" for kind in ("_depth", "_ids") for suffix in (".npy", ".exr"))
 
@@ -18,7 +18,8 @@ _PLANES = tuple(f"{kind}{suffix}" for kind in ("_depth", "_ids") for suffix in (
 class ImagePair(NamedTuple):
     """Two image files to compare."""
 
-    # The path relative to the folder, with forward slashes, without suffix, in composed Unicode (NFC).
+    # Path of the image relative to the folder, with forward slashes, without suffix, in composed Unicode
+    # (NFC).
     name: str
     pred: Path
     gt: Path
@@ -27,11 +28,11 @@ class ImagePair(NamedTuple):
 def pair_images(
     pred: str | os.PathLike[str], gt: str | os.PathLike[str], *, subset: bool = False
 ) -> list[ImagePair]:
-    """Return the pairs of images in two folders and their subfolders, or of two files, sorted by name.
+    """Return pairs of images from two folders and their subfolders, or from two files, sorted by name.
 
-    Names are compared in composed Unicode (NFC) and without suffix. The suffix must be one of
-    `IMAGE_SUFFIXES`. Hidden files are ignored, and also the depths and face ids that `msb render` writes
-    beside an image. With `subset`, `gt` may contain further images, such as training views.
+    Names are compared in composed Unicode (NFC), without suffix. The suffix must be one of `IMAGE_SUFFIXES`.
+    Hidden files are ignored. The depth and face id images of `msb render` are ignored too. With `subset`, the
+    folder `gt` may contain further images, such as training views.
     """
     pred, gt = given_path(pred), given_path(gt)
     folders = [_is_folder(path) for path in (pred, gt)]
@@ -39,16 +40,19 @@ def pair_images(
         return [ImagePair(pred.stem, pred, gt)]
     if not all(folders):
         file, folder = (pred, gt) if folders[1] else (gt, pred)
-        text = f"this is a file and {shorten(str(folder))} a folder; give two files or two folders"
+        text = f"this is a file, but {shorten(str(folder))} is a folder; pass two files or two folders"
         raise InputError("FILE_NOT_RECOGNISED", text, file=file)
     files, expected = images_below(pred), images_below(gt)
     missing = sorted(set(files) - set(expected))
     if missing:
-        text = f"{_list_names(missing, pred)} missing here; names must be equal except for the suffix"
+        text = (
+            f"{_list_names(missing, pred)} missing in this folder; "
+            "names of a pair must be equal except for the suffix"
+        )
         raise MetricError("METRIC_IMAGE_NAMES", text, file=gt)
     extra = sorted(set(expected) - set(files))
     if extra and not subset:
-        text = f"{_list_names(extra, gt)} missing here; use --subset to compare only the existing ones"
+        text = f"{_list_names(extra, gt)} missing here; use --subset to compare only the existing images"
         raise MetricError("METRIC_IMAGE_NAMES", text, file=pred)
     return [ImagePair(name, files[name], expected[name]) for name in sorted(files)]
 
@@ -62,7 +66,7 @@ def _is_folder(path: Path) -> bool:
 
 
 def images_below(folder: Path) -> dict[str, Path]:
-    """Return the image files in `folder` and its subfolders by name; see `pair_images`."""
+    """Return the image files in `folder` and its subfolders, by the names that `pair_images` compares."""
 
     def reject(error: OSError) -> None:
         text = f"the folder cannot be read: {error.strerror}"

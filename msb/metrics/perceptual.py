@@ -1,10 +1,10 @@
 """LPIPS of images mapped to [-1, 1], with VGG16 weights from the user.
 
-Torch is only imported on first use.
+Torch is imported on first use.
 
-This module defines the network itself and does not use the network of the lpips package. The constructor in
-that package downloads a backbone or fills 138 million parameters with random numbers, and importing the
-package needs torchvision. Only the linear layers come from the lpips package.
+This module defines the network itself instead of using the network of the lpips package. The lpips package
+downloads a backbone or fills 138 million parameters with random numbers. Importing lpips also needs
+torchvision. Only the linear layers come from the lpips package.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from msb.metrics.identity import Identity, ImageMetric
 from msb.metrics.images import check_pair
 from msb.metrics.vgg import HEADS_SHA256, LAYERS, TAPS, check_extra, read_heads, read_vgg
 
-# Minimum side of an image in pixels: the network halves it four times.
+# Smallest side of an image in pixels, because the network halves the image four times.
 MIN_SIDE = 16
 _SHIFT = (-0.030, -0.088, -0.188)
 _SCALE = (0.458, 0.448, 0.450)
-# Convolutions that follow a 2 x 2 max pooling.
+# Convolutions that follow a 2 x 2 max pooling layer.
 _POOLED = {5, 10, 17, 24}
 
 
@@ -41,8 +41,8 @@ def lpips_vgg(
 ) -> float:
     """Return LPIPS (version 0.1, VGG16, inputs mapped to [-1, 1]) of two images; 0 for equal images.
 
-    The network stays loaded between calls with the same file. Use `LpipsVgg` to load and release it
-    explicitly.
+    The network stays in memory for further calls with the same weight file. Use `LpipsVgg` to load and
+    release the network explicitly.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def lpips_vgg(
     Warns
     -----
     MetricWarning
-        The weights are not the published ones (METRIC_VGG_UNKNOWN).
+        The weights are not the published weights (METRIC_VGG_UNKNOWN).
 
     Raises
     ------
@@ -94,8 +94,8 @@ def _load_cached(path: str, _changed: int, _size: int) -> LpipsVgg:
 class LpipsVgg:
     """LPIPS with one set of weights, loaded once: ``LpipsVgg(path)(pred, gt)``.
 
-    `weights` holds names and hashes of the files. `warnings` contains METRIC_VGG_UNKNOWN if the weights are
-    not the published ones.
+    `weights` stores names and hashes of the weight files. `warnings` contains METRIC_VGG_UNKNOWN if the
+    weights are not the published weights.
     """
 
     def __init__(self, vgg_weights: str | os.PathLike[str]) -> None:
@@ -109,7 +109,7 @@ class LpipsVgg:
         self.weights: dict[str, Any] = {"vgg": record, "heads": about}
         self.warnings: tuple[Finding, ...] = ()
         if record["known"] is None:
-            text = f"its sha256 {record['sha256'][:16]}... is not that of vgg16-397923af.pth"
+            text = f"its sha256 {record['sha256'][:16]}... differs from the sha256 of vgg16-397923af.pth"
             self.warnings = (finding("METRIC_VGG_UNKNOWN", text, severity="warning"),)
         self._layers: list[tuple[int, Any, Any]] = [
             (number, torch.from_numpy(tensors[f"{name}.weight"]), torch.from_numpy(tensors[f"{name}.bias"]))
@@ -135,7 +135,7 @@ class LpipsVgg:
             raise MetricError("METRIC_IMAGE", text)
         terms = []
         with torch.inference_mode():
-            # Pass both images through one layer at a time, so that two feature maps are in memory, not ten.
+            # Pass both images through one layer at a time. Only two feature maps then need memory.
             x, y = (torch.from_numpy(_prepare_input(image)) for image in (a, b))
             heads = iter(self._heads)
             for number, weight, bias in self._layers:
@@ -149,14 +149,14 @@ class LpipsVgg:
 
 
 def _prepare_input(image: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return an image in [0, 1] as (1, 3, H, W), mapped to [-1, 1], then shifted and scaled."""
+    """Return an image in [0, 1] as (1, 3, H, W): mapped to [-1, 1], then shifted and scaled."""
     centred = image.astype(np.float32) * np.float32(2) - np.float32(1)
     scaled = (centred - np.array(_SHIFT, np.float32)) / np.array(_SCALE, np.float32)
     return np.ascontiguousarray(np.moveaxis(scaled, 2, 0)[None], np.float32)
 
 
 def _measure_distance(x: Any, y: Any, head: Any) -> float:
-    """Return the average over pixels of the weighted squared difference of unit feature vectors."""
+    """Return the average over pixels of the weighted squared difference between unit feature vectors."""
     x, y = (f / (f.square().sum(1, keepdim=True).sqrt_() + 1e-10) for f in (x, y))
     difference = (x - y).square_()
     return float((difference[0].mean((1, 2)) * head).sum())

@@ -1,6 +1,6 @@
-"""Registry of the image metrics: built-in ones and those of other packages (entry points `msb.metrics`).
+"""Registry of image metrics: built-in metrics, and metrics of other packages (entry points `msb.metrics`).
 
-Benchmark records, commands and tables read this registry.
+Benchmark records, commands and tables use the metrics in this registry.
 """
 
 import math
@@ -25,7 +25,7 @@ BUILT_IN = (
     "images.SSIM",
     "perceptual.LPIPS",
 )
-# Keys in records, tables and files that no image metric may use.
+# Reserved keys of records, tables and files, which image metrics must not use.
 RESERVED = frozenset(
     "name width height file sha256 gt images metrics missing psnr_infinite psnr_inf_count lpips_reason "  # noqa: SIM905
     "pred fps p50_ms p95_ms spread_ms busy_p50_ms host_ms unsteady memory driver_memory asset_size "
@@ -34,7 +34,7 @@ RESERVED = frozenset(
     "boundary_edge_ratio nonmanifold_edge_ratio nonmanifold_vertex_ratio lcc_face_ratio lcc_area_ratio "
     "components".split()
 )
-# Types of the fields that the metric of a package declares.
+# Field types that the metric of another package must have.
 _FIELDS: dict[str, Any] = {
     "title": str,
     "unit": str,
@@ -49,7 +49,7 @@ _FIELDS: dict[str, Any] = {
 
 @cache
 def _installed() -> Mapping[str, ImageMetric]:
-    """Return key -> metric."""
+    """Return all metrics by key."""
     places = (place.split(".") for place in BUILT_IN)
     metrics = (getattr(import_module(f"msb.metrics.{module}"), name) for module, name in places)
     ours: dict[str, ImageMetric] = {metric.key: metric for metric in metrics}
@@ -63,7 +63,7 @@ def _load_package_metric(key: str, entry: str) -> ImageMetric:
     if not isinstance(metric, ImageMetric):
         raise PackageError(f"it must be an ImageMetric, not of type {type(metric).__name__}")
     if key in RESERVED:
-        raise PackageError("its name is reserved in records or tables")
+        raise PackageError("its key is reserved for records or tables")
     if not metric.key == metric.name == key:
         raise PackageError(f"its name and key must equal the name of its entry point, {key}")
     for name, kind in _FIELDS.items():
@@ -77,7 +77,7 @@ def _load_package_metric(key: str, entry: str) -> ImageMetric:
 
 @dataclass(frozen=True)
 class _PackageMeasure:
-    """The function of a metric from another package; errors name that package."""
+    """The function of a metric from another package. Error messages of the function name the package."""
 
     whose: str
     measure: Any
@@ -90,13 +90,12 @@ class _PackageMeasure:
         except (PackageError, MetricError) as error:
             raise MetricError("METRIC_FAILED", f"{self.whose} fails: {error}") from error
         if not math.isfinite(number):
-            text = f"{self.whose} gives {shorten(repr(value), 60)}; it must give a finite number"
+            text = f"{self.whose} returned {shorten(repr(value), 60)}; it must return a finite number"
             raise MetricError("METRIC_FAILED", text)
         return number
 
 
-# The metrics by their key in records, tables and JSON: built-in ones in the order of tables, then those of
-# other packages.
+# The metrics by their key in records, tables and JSON. Built-in metrics come first, in the order of tables.
 IMAGE_METRICS: Mapping[str, ImageMetric] = Lazy(_installed)
 
 
@@ -104,21 +103,21 @@ def _list_by_name() -> dict[str, Definition]:
     return {metric.name: metric for metric in (*IMAGE_METRICS.values(), CHAMFER)}
 
 
-# Name of every metric -> whether "higher" or "lower" is better.
+# The better direction of every metric by name: "higher" or "lower".
 METRICS: Mapping[str, str] = Lazy(lambda: {name: metric.better for name, metric in _list_by_name().items()})
 
 
 def identity(
     name: str, *, weights: Mapping[str, Any] | None = None, **parameters: str | float | bool | None
 ) -> Identity:
-    """Return the identity of a value of metric `name` computed now.
+    """Return the identity of a value of the metric `name` computed now.
 
     Parameters
     ----------
     name : str
         A key of `METRICS`.
     weights : mapping, optional
-        The record `LpipsVgg.weights`, for LPIPS only; `LpipsVgg.identity` fills it in.
+        The record `LpipsVgg.weights`, for LPIPS only; passed by `LpipsVgg.identity`.
     **parameters
         Parameters chosen for this computation, such as ``quantize=False`` or ``seed=3``.
 
@@ -134,9 +133,9 @@ def identity(
 
 
 class Measures:
-    """All image metrics of two images: ``Measures(vgg_weights)(pred, gt)``.
+    """Computes all image metrics of two images: ``Measures(vgg_weights)(pred, gt)``.
 
-    Without weights, the metrics that need them are None.
+    Metrics that need VGG weights are None if the weights are missing.
 
     Attributes
     ----------
@@ -145,7 +144,7 @@ class Measures:
     warnings : tuple of Finding
         Warnings about the weights.
     failed : dict of str to str
-        Key of a failed metric of a package -> its first error, with the code.
+        The first error, with its code, of each failed metric from a package, by key.
     """
 
     def __init__(self, vgg_weights: Path | None = None) -> None:
@@ -165,9 +164,9 @@ class Measures:
         self.failed: dict[str, str] = {}
 
     def __call__(self, pred: ArrayLike, gt: ArrayLike) -> dict[str, float | None]:
-        """Return the value of each metric by its key, for two images as `psnr` takes them.
+        """Return the value of each metric by its key, for two images in the form that `psnr` accepts.
 
-        A value is None if weights are missing or the metric of a package failed.
+        A metric's value is None if its weights are missing or its package failed.
         """
         a, b = check_pair(pred, gt)
         results: dict[str, float | None] = dict.fromkeys(self._functions)
@@ -187,7 +186,10 @@ def modules_needed() -> tuple[str, ...]:
 
 
 def mean_of(values: Iterable[float | None]) -> float | None:
-    """Return the average over images; None if a value is missing. Infinity counts as `PSNR_CAP`."""
+    """Return the average of a metric over images; None if a value is missing.
+
+    An infinite PSNR is replaced by `PSNR_CAP`.
+    """
     capped = [PSNR_CAP if value == math.inf else value for value in values]
     known = [value for value in capped if value is not None]
     return math.fsum(known) / len(known) if known and len(known) == len(capped) else None

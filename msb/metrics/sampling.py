@@ -1,7 +1,7 @@
 """Sample points on a mesh at a given spacing, and thin them until no two are close.
 
 Both functions follow eval.py of `jzhangbs/DTUeval-python`, which `hbb1/2d-gaussian-splatting` adapts in
-scripts/eval_dtu/eval.py. Unlike eval.py, they use bounded memory and have no loop over faces.
+scripts/eval_dtu/eval.py. Unlike eval.py, both functions limit memory and do not loop over faces.
 """
 
 from collections.abc import Iterator
@@ -12,15 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import MetricError
 
-# Maximum number of samples of a mesh; a culled DTU scan has about ten million. The limit for candidates is
-# twice this number.
+# Maximum number of samples of a mesh. A culled DTU scan has about ten million. The limit for sample
+# candidates is twice this number.
 MAX_SAMPLES = 1 << 28
-# Number of candidates per batch.
+# Number of sample candidates per batch.
 _CANDIDATES = 1 << 20
-# Size of the first window of `thin`.
+# Number of points in the first window of `thin`.
 _FIRST_WINDOW = 64
-# Maximum number of points per window of `thin`, and maximum number of neighbours of all points in a window. A
-# single point may have more neighbours.
+# Maximum number of points in a window of `thin`, and maximum number of all their neighbours. A window with
+# only one point may have more neighbours.
 _WINDOW = 1 << 16
 _NEIGHBORS = 1 << 22
 
@@ -52,12 +52,12 @@ def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[np.float
 def sample_surface(
     vertices: NDArray[np.float64], faces: NDArray[np.int64], spacing: float
 ) -> tuple[NDArray[np.float64], int]:
-    """Return points on the faces, in the order of the faces, and the number of faces whose area is not zero.
+    """Return points on the faces, in the order of the faces, and the number of faces with a non-zero area.
 
     The points are about `spacing` apart, in the units of the vertices. A face has the edges e1 = v1 - v0 and
-    e2 = v2 - v0 of lengths l1 and l2. With step = spacing sqrt(l1 l2 / |e1 x e2|), each of these edges has n
-    = floor(l / step) steps. The points are v0 + c1 e1 + c2 e2 with c = (i + 0.5) / n, wherever c1 + c2 < 1. A
-    face shorter than a step along an edge gets no points.
+    e2 = v2 - v0 of lengths l1 and l2. Both edges have n = floor(l / step) steps, where step = spacing sqrt(l1
+    l2 / |e1 x e2|). The points are v0 + c1 e1 + c2 e2 with c = (i + 0.5) / n, wherever c1 + c2 < 1. A face
+    with an edge e1 or e2 shorter than one step gets no points.
     """
     origin = vertices[faces[:, 0]]
     first, second = vertices[faces[:, 1]] - origin, vertices[faces[:, 2]] - origin
@@ -94,9 +94,11 @@ def _limit_error(points: float, spacing: float) -> MetricError:
 def _place_grid_points(
     counts: NDArray[np.int64], candidates: NDArray[np.int64]
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-    """Yield the faces (n,) and positions (n, 2) of the points to keep, in batches. A position is (c1, c2).
+    """Yield the faces (n,) and positions (n, 2) of the sample points to keep, in batches.
 
-    Candidates are numbered across all faces, so that a huge face is split into batches like many small ones.
+    A position is the pair (c1, c2).
+
+    Candidates are numbered across all faces. A huge face is therefore split into several batches.
     """
     ends = np.cumsum(candidates)
     total = int(ends[-1]) if len(ends) else 0
@@ -111,13 +113,12 @@ def _place_grid_points(
 
 
 def thin(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
-    """Thin points (N, 3): go through the remaining points, and remove all others within `spacing` of each
-    point.
+    """Thin points (N, 3): for each remaining point in turn, remove all other points within `spacing`.
 
-    The order decides which points remain, so shuffle them first. Points at a distance of exactly `spacing`
-    are removed too. Neighbours are searched for one window of remaining points at a time, so that they fit
-    into memory. Windows start small and grow, because in dense regions the first few points remove most
-    others.
+    Shuffle the points before the call, because earlier points are kept first. Points at a distance of exactly
+    `spacing` are removed too. Neighbours are searched for one window of remaining points at a time, to limit
+    memory. Windows start small and grow, because in dense regions the first few points remove most other
+    points.
     """
     from scipy.spatial import cKDTree
 

@@ -1,8 +1,8 @@
 """Temporal stability of the frames of a camera path: popping, shimmer and holes.
 
-Image content moves as the camera moves. Depths and cameras predict this motion, so the remaining change can
-be measured. Triangles pop if they swap their blending order, and an image shimmers if it has too few samples
-per pixel. docs/protocol.md has the full definitions.
+Image content moves as the camera moves. Depths and cameras predict this motion. All other changes are
+measured. Triangles pop when their blending order changes, and an image shimmers if it has too few samples per
+pixel. Full definitions are in docs/protocol.md.
 """
 
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ from msb.scenes import Camera
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-# Standard deviation in pixels of the Gaussian that smooths images before comparison. In a smoothed image
-# cubic splines between pixels are accurate to a fraction of 1/255.
+# Standard deviation in pixels of the Gaussian that smooths images before comparison. After smoothing, cubic
+# splines between pixels are accurate to a fraction of 1/255.
 BLUR = 1.5
-# Radius in pixels within which another surface may affect a smoothed pixel.
+# Radius in pixels of the influence of a neighbouring surface on a smoothed pixel.
 REACH = 3
-# Maximum relative difference of the depths of one surface point in two frames.
+# Maximum relative difference between the depths of one surface point in two frames.
 SAME = 0.02
-# A pixel is away from borders if depths within `REACH` of it differ by at most this fraction.
+# A pixel is near a border if a depth within `REACH` pixels differs from its depth by more than this fraction.
 _FLAT = 0.05
 
 
@@ -36,10 +36,10 @@ class PreparedFrame:
     smooth : (H, W, 3) float32
         The smoothed image in levels, 0 to 255.
     splines : (3, H, W) float32
-        Coefficients of its cubic splines.
+        Coefficients of the image's cubic splines.
     inverse_depths : (3, H, W) float32
-        Inverse depth of the pixel itself, and of the nearest and the farthest surface within `REACH`; 0 for
-        background, which is alpha below 1/2.
+        Inverse depths of three surfaces: at the pixel itself, and the nearest and the farthest within
+        `REACH`. For background pixels, where alpha is below 1/2, the value is 0.
     """
 
     camera: Camera
@@ -49,7 +49,7 @@ class PreparedFrame:
 
     @property
     def covered(self) -> Mask:
-        """The pixels (H, W) that show the model."""
+        """The mask (H, W) of pixels that show the model."""
         return np.asarray(self.inverse_depths[0] > 0)
 
 
@@ -68,31 +68,32 @@ def prepare_frame(camera: Camera, image: Floats, alpha: Floats, depth: Floats) -
 
 
 def unexplained_change(before: PreparedFrame, here: PreparedFrame, after: PreparedFrame) -> Floats:
-    """Return the difference of each pixel from the average of the same surface point in both adjacent frames.
+    """Return each pixel's difference from the average of its surface point in both adjacent frames.
 
     Returns
     -------
     (H, W) float32
-        Root mean square over red, green and blue of the difference in levels of 255. NaN if the model is not
-        within `REACH`, or if the surface point was hidden or outside the image in an adjacent frame.
+        Root mean square over red, green and blue of the difference in levels of 255. The difference is NaN if
+        no pixel of the model is within `REACH`. The difference is also NaN if the surface point is hidden or
+        outside the image in an adjacent frame.
 
     Notes
     -----
-    A steady change, such as a view-dependent colour, is not counted, because a frame then equals the average
-    of its neighbours. A pixel near a border shows two surfaces that move differently. It is therefore
-    followed with its own depth, with the nearest and with the farthest depth within `REACH`, and the smallest
-    difference is used.
+    For a steady change, such as a view-dependent colour, the difference is 0: the frame equals the average of
+    its neighbours. A pixel near a border shows two surfaces that move differently. Each pixel is therefore
+    followed with three depths: its own depth, and the nearest and farthest depth within `REACH`. The result
+    is the smallest difference.
     """
     inverse, nearest, farthest = here.inverse_depths
-    # The N pixels within `REACH` of the model, and whether each is near a border between surfaces.
+    # Find the N pixels within `REACH` of the model, and whether each pixel is near a border between surfaces.
     rows, columns = np.nonzero(nearest > 0)
     colors = here.smooth[rows, columns].T
     least = np.full(len(rows), np.inf)
     counted = np.ones(len(rows), bool)
     border = (nearest - farthest > SAME * nearest)[rows, columns]
     for layer, inverse_depths in enumerate((inverse, nearest, farthest)):
-        # Follow the pixels into both adjacent frames, at the depths of this layer. `same` marks pixels whose
-        # surface is visible in both frames.
+        # Project the pixels into both adjacent frames, with the depths of one of the three surfaces. `same`
+        # marks pixels whose surface is visible in both frames.
         same = np.ones(len(rows), bool)
         places = []
         for other in (before, after):
@@ -100,12 +101,12 @@ def unexplained_change(before: PreparedFrame, here: PreparedFrame, after: Prepar
             same &= _test_depths(other.inverse_depths[layer], place, expected)
             places.append(place)
         counted &= same | (layer == 0)
-        followed = np.flatnonzero(same & (border | (layer == 0)))  # other pixels show a single surface
+        followed = np.flatnonzero(same & (border | (layer == 0)))  # omit pixels that show only one surface
         both = [
             _sample_colors(other, place[:, followed])
             for other, place in zip((before, after), places, strict=True)
         ]
-        # Compare with the average of both frames, and keep the smallest difference.
+        # Compute the difference from the average of both frames. Keep the smallest difference of all layers.
         squares = np.square(colors[:, followed] - (both[0] + both[1]) / 2).mean(axis=0)
         least[followed] = np.minimum(least[followed], squares)
     change = np.full(inverse.shape, np.nan, np.float32)
@@ -126,16 +127,16 @@ def _sample_colors(frame: PreparedFrame, place: NDArray[np.float64]) -> Floats:
 def _project_into(
     here: PreparedFrame, camera: Camera, rows: NDArray[np.int_], columns: NDArray[np.int_], inverse: Floats
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where another camera sees the surface points of N pixels: positions (2, N), and inverse depths.
+    """Project the surface points of N pixels into another camera. Return positions (2, N) and inverse depths.
 
-    Positions are rows and columns, with integers at pixel centres. Points behind the camera get positions far
+    Positions are (row, column), with integers at pixel centres. Points behind the camera get positions far
     outside the image, so NaN does not occur.
     """
     rays, move = (
         _compute_rays(here.camera, rows, columns),
         camera.world_to_camera @ here.camera.camera_to_world,
     )
-    # Dividing by the depth makes the background a point at infinity.
+    # Inverse depths also project background pixels, whose inverse depth is 0.
     x, y, z = move[:3, :3] @ rays + move[:3, 3:] * inverse
     ahead = np.where(z > 1e-6, z, 1e-6)
     place = np.stack([y / ahead * camera.fy + camera.cy - 0.5, x / ahead * camera.fx + camera.cx - 0.5])
@@ -151,7 +152,7 @@ def _compute_rays(camera: Camera, rows: NDArray[np.int_], columns: NDArray[np.in
 def _test_depths(
     inverse_depths: Floats, place: NDArray[np.float64], expected: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return a mask (N,) of positions (2, N) in the image at which a frame has the expected depth (N,)."""
+    """Return a mask (N,) of the positions (2, N) that lie inside the image and have the expected depth."""
     ends = np.array(inverse_depths.shape)[:, None] - 1
     inside = ((place >= REACH) & (place <= ends - REACH)).all(axis=0)
     row, column = np.clip(np.rint(place), 0, ends).astype(np.int64)
@@ -159,9 +160,10 @@ def _test_depths(
 
 
 def find_surface_points(frame: PreparedFrame) -> NDArray[np.float64]:
-    """Return world points (N, 3) of the surfaces that a frame shows, away from their borders.
+    """Return world points (N, 3) on the surfaces of a frame, away from their borders.
 
-    Every second pixel of every second row is used; `find_holes` fills the gaps.
+    The result contains every second pixel of every second row. All pixels in between are filled by
+    `find_holes`.
     """
     inverse, nearest, farthest = frame.inverse_depths
     inner = (farthest > 0) & (nearest - farthest <= _FLAT * nearest)
@@ -171,13 +173,13 @@ def find_surface_points(frame: PreparedFrame) -> NDArray[np.float64]:
 
 
 def find_holes(frame: PreparedFrame, points: NDArray[np.float64]) -> Mask:
-    """Return the pixels (H, W) that show background although the model should cover them.
+    """Return the mask (H, W) of background pixels that the model should cover.
 
-    `points` (N, 3) are surface points of other frames. Two kinds of pixels with alpha below 1/2 count:
+    `points` (N, 3) are surface points of other frames. Two kinds of pixels with alpha below 1/2 are holes:
 
-    - Gaps: every pixel of the surrounding 5 x 5 square is within one pixel of a covered pixel or of a
-      projected surface point.
-    - Specks: background regions that the model encloses, with at most (2 `REACH` + 1)^2 pixels.
+    - Gaps: in the 5 x 5 square around a gap pixel, every pixel is at most one pixel away from the model or
+      from a projected surface point.
+    - Specks: a region of background that the model encloses, with at most (2 `REACH` + 1)^2 pixels.
     """
     from scipy.ndimage import label, maximum_filter, minimum_filter
 
@@ -185,17 +187,17 @@ def find_holes(frame: PreparedFrame, points: NDArray[np.float64]) -> Mask:
     if covered.all():
         return ~covered
     hit = covered.copy()
-    # Pixels that the model or a surface point of another frame hits.
+    # Mark pixels that are hit by the model or by a surface point of another frame.
     pixels, depth = frame.camera.project(points)
     column, row = np.floor(np.where(depth[:, None] > 0, pixels, -1)).T
     height, width = covered.shape
     within = (row >= 0) & (row < height) & (column >= 0) & (column < width)
     hit[row[within].astype(np.int64), column[within].astype(np.int64)] = True
-    # The added border joins regions at the image edge with the outside, so that they are not enclosed.
+    # The added border connects background regions at the image edge, so that they are not enclosed.
     regions, count = label(np.pad(~covered, 1, constant_values=True))
     sizes = np.bincount(regions.ravel(), minlength=count + 1)
     specks = (sizes <= (2 * REACH + 1) ** 2)[regions[1:-1, 1:-1]]
     dilated = maximum_filter(hit, 3, mode="constant", cval=False)
-    # Pixels beyond the image edge are unknown and count as not hit.
+    # Nothing is known about pixels beyond the image edge. Treat such pixels as not hit.
     around = minimum_filter(dilated, 5, mode="constant", cval=False)
     return np.asarray(~covered & (specks | around))

@@ -1,4 +1,4 @@
-"""The files of LPIPS: VGG16 weights from the user, and the linear layers of the lpips package."""
+"""Files of LPIPS: VGG16 weights from the user, and the linear layers of the lpips package."""
 
 import hashlib
 import importlib.util
@@ -22,25 +22,25 @@ LAYERS = tuple(zip(_NUMBERS, _CHANNELS[:-1], _CHANNELS[1:], strict=True))
 # The number of channels of each compared layer: relu1_2, 2_2, 3_3, 4_3 and 5_3, all after their ReLU.
 TAPS = {2: 64, 7: 128, 14: 256, 21: 512, 28: 512}
 VGG_FILE = "vgg16-397923af.pth"
-# SHA-256 of the published weight file of torchvision; the file name contains its first eight digits.
+# SHA-256 of the published weight file of torchvision. The file name contains the first eight digits.
 VGG_SHA256 = "397923af8e79cdbb6a7127f12361acd7a2f83e06b05044ddf496e83de57a5bf0"
 # SHA-256 of weights/v0.1/vgg.pth in lpips 0.1.4.
 HEADS_SHA256 = "a78928a0af1e5f0fcb1f3b9e8f8c3a2a5a3de244d830ad5c1feddc79b8432868"
-# Sums of the weights of version 0.1; the faulty version 0.0 has 3.64, 1.96, ...
+# Sum of the weights of each layer in LPIPS 0.1. The faulty version 0.0 has other sums: 3.64, 1.96, ...
 _HEAD_SUMS = (6.9260, 8.8583, 17.5150, 51.5213, 47.0349)
 # Upper bound of LPIPS: features are non-negative vectors of length 1, so each component differs by at most 1.
 MOST_LPIPS = math.fsum(_HEAD_SUMS) + 0.01
-# Maximum size of the header of a .npy in bytes.
+# Maximum header size of a .npy file in bytes.
 _MAX_HEAD = 1 << 10
 
-# Key (features.N.weight or .bias) -> float32 array.
+# float32 arrays by key (features.N.weight or .bias).
 Weights = dict[str, Any]
 
 
 def weights_source(weights: Mapping[str, Any] | None) -> str:
-    """Return a line about the origin of `LpipsVgg.weights`, and whether these are the published weights.
+    """Describe the origin of `LpipsVgg.weights`, and state whether they are the published weights.
 
-    Without weights, the line names the required file.
+    Without weights, the text names the required file.
     """
     if weights is None:
         return f"LPIPS needs {VGG_FILE} from download.pytorch.org/models, SHA-256 {VGG_SHA256[:16]}..."
@@ -71,10 +71,10 @@ def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
     """Return the convolutions of a VGG16 and a record of their origin.
 
     The file is a state dict of the torchvision VGG16 written by torch.save, or an .npz with the same keys.
-    Other keys (classifier.*) are ignored. Nothing in a file is executed. Weights are features.N.weight (out,
-    in, 3, 3) and features.N.bias (out,), float32. The record holds the name of the file, "sha256" of the
-    file, "tensors_sha256" of the values (independent of the file format), and "known", the name of published
-    weights.
+    Other keys of the file (classifier.*) are ignored. Loading does not execute code from the file. Weights
+    are features.N.weight (out, in, 3, 3) and features.N.bias (out,), float32. The record contains the name of
+    the file, "sha256" of the file, "tensors_sha256" of the values (independent of the file format), and the
+    name "known" of published weights.
     """
     place = regular_file(path)
     shapes: dict[str, tuple[int, ...]] = {f"features.{n}.weight": (o, i, 3, 3) for n, i, o in LAYERS}
@@ -85,7 +85,7 @@ def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
         weights = {key: _check_tensor(place, tensors, key, shape) for key, shape in shapes.items()}
     except MetricError:
         raise
-    except Exception as error:  # readers raise all kinds of exceptions for foreign files
+    except Exception as error:  # readers raise various exceptions for foreign files
         text = f"it cannot be read: {library_reason(error)}"
         raise MetricError("METRIC_WEIGHTS", text, file=place) from error
     digest = hashlib.sha256()
@@ -104,7 +104,7 @@ def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
 def read_heads() -> tuple[list[NDArray[np.float32]], str]:
     """Return the five linear layers (C,) of LPIPS 0.1 for VGG16, and the SHA-256 of their file.
 
-    The file is located in the lpips package without importing it, because the import needs torchvision.
+    The lpips package is located without importing it, because the import needs torchvision.
     """
     check_extra()
     import torch
@@ -121,7 +121,10 @@ def read_heads() -> tuple[list[NDArray[np.float32]], str]:
         raise MetricError("METRIC_WEIGHTS", text, file=place) from error
     for head, channels, total in zip(heads, TAPS.values(), _HEAD_SUMS, strict=True):
         if head.shape != (1, channels, 1, 1) or abs(float(head.sum()) - total) > 1e-3:
-            text = f"a layer of shape {head.shape} has the sum {head.sum():.4f}; version 0.1 has {total}"
+            text = (
+                f"the weights of a layer of shape {head.shape} have the sum {head.sum():.4f}; "
+                f"in LPIPS 0.1 the sum is {total}"
+            )
             raise MetricError("METRIC_WEIGHTS", text, file=place)
     return [head.reshape(-1).astype(np.float32) for head in heads], file_sha256(place)
 
@@ -151,10 +154,10 @@ def _read_torch(path: Path, shapes: dict[str, tuple[int, ...]]) -> Weights:
 
 
 def _read_npz(path: Path, shapes: dict[str, tuple[int, ...]]) -> Weights:
-    # The file is opened here, because NumPy does not close a file that is not an archive.
+    # Open the file here, because NumPy leaves an invalid archive open.
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         for key, shape in shapes.items():
-            # Check sizes before unpacking: a number has at most 8 bytes.
+            # Check sizes before unpacking. Stored numbers have at most 8 bytes.
             most = 8 * math.prod(shape) + _MAX_HEAD
             if key in archive and archive.zip.getinfo(f"{key}.npy").file_size > most:
                 text = f"{key} is too long; it must be floats of shape {shape}"

@@ -1,8 +1,10 @@
-"""Reference renderers: the official image formation of each method in readable NumPy. Slow, easy to verify.
+"""Reference renderers: the official image formation of each method in readable NumPy.
 
-In float32 they repeat the official kernels operation by operation, and the OpenCL kernels are tested against
-them. In float64 a result can differ if it depends on a single rounding. docs/reference.md describes the
-formulas and the measured agreement.
+The renderers are slow and easy to verify.
+
+In float32 the renderers repeat the official kernels operation by operation. The OpenCL kernels are tested
+against the reference renderers. Results in float64 may differ from float32 results where a single rounding
+decides. The formulas and the measured agreement are in docs/reference.md.
 """
 
 import time
@@ -44,14 +46,16 @@ def render_reference(
     ----------
     asset : Asset
     camera : Camera
-        OpenCV axes, for every method. A principal point that is not in the middle shifts the image of the
-        splatting methods, whose official code ignores it. For DiffSoup it is used with the official sign.
+        OpenCV axes, for every method. An off-centre principal point shifts the image of the splatting
+        methods, although their official code ignores it. For DiffSoup the camera is used with the sign of the
+        official code.
     background : sequence of 3 floats, or str, optional
-        In the stored colour space. Values and default as in `msb.Renderer.render`.
+        In the stored colour space. Values and default are equal to `msb.Renderer.render`.
     settings : mapping, optional
         Overrides of the asset's settings.
     dtype : numpy.float32 or numpy.float64
-        float32: the official order of operations in strict IEEE float32. float64: the same in double.
+        float32: the official order of operations in strict IEEE float32. float64: the same operations in
+        double precision.
     order, sampling : str
         "tile" and "official" repeat the official code; the other values imitate an engine
         (docs/dedicated.md).
@@ -92,7 +96,7 @@ def render_reference(
     if background is None:
         background = default_background(asset.manifest)
     color = np.asarray(check_background(background, asset.manifest.appearance.get("background")), real)
-    # Culled faces take part in the array operations, so their divisions by zero are expected.
+    # Culled faces also pass through the array operations, so divisions by zero are expected.
     with np.errstate(all="ignore"):
         view = camera.in_units(asset.manifest.origin)
         frame: ReferenceFrame = module.render(asset, view, color, values, real, Modes(order, sampling))
@@ -126,11 +130,11 @@ class ReferenceRenderer:
     ) -> None:
         check_modes(order, sampling)
         rules: dict[str, Any] = {"order": order, "sampling": sampling, "dtype": precision(dtype)}
-        # The camera of a backend is already relative to the origin.
+        # Cameras passed to a backend are already relative to the origin.
         self._draw = partial(render_reference, without_origin(asset), settings=settings, **rules)
 
     def render(self, camera: Camera, background: tuple[float, float, float]) -> ReferenceFrame:
-        """Draw the asset from `camera` over `background`; `timings` contains the time of NumPy."""
+        """Draw the asset from `camera` over `background`; `timings` contains the time spent in NumPy."""
         start = time.perf_counter()
         frame = self._draw(camera=camera, background=background)
         frame.timings["numpy"] = 1000 * (time.perf_counter() - start)

@@ -1,10 +1,10 @@
-"""The basic operations of all reference renderers, evaluated in the order of the official kernels.
+"""Basic operations of all reference renderers, in the evaluation order of the official kernels.
 
 Every function works in the dtype of its arguments, float32 or float64. NumPy rounds after each operation and
-never fuses a multiplication with an addition, so float32 arguments give strict IEEE float32 in the order
-written here. Exponentials, logarithms and powers are evaluated in double and then rounded. So the float32
-result is correctly rounded (up to double rounding) on every machine. NumPy's float32 functions would depend
-on vector libraries.
+never fuses a multiplication with an addition. Therefore float32 arguments give strict IEEE float32 in the
+order written here. Exponentials, logarithms and powers are evaluated in double and then rounded. The results
+in float32 are correctly rounded on every machine, except for rare double rounding. NumPy's own float32
+functions depend on vector libraries.
 """
 
 from typing import Any
@@ -57,8 +57,8 @@ def rotate(matrix: Reals, vectors: Reals) -> Reals:
 def matrix_product(a: Reals, b: Reals) -> Reals:
     """Return the matrix product A B, with the terms of each element added from first to last.
 
-    Official code computes small float32 products this way (torch on a CPU), while BLAS fuses and reorders the
-    sums.
+    The official code uses torch on a CPU for small float32 products, which adds the terms in this order. BLAS
+    fuses and reorders the sums.
     """
     return np.stack([dot(a, np.broadcast_to(column, a.shape)) for column in b.T], axis=-1)
 
@@ -79,7 +79,7 @@ def power(base: Reals, exponent: Reals | float) -> Reals:
 
 
 def fast_power(base: Reals, exponent: Reals) -> Reals:
-    """Return exp2(exponent log2(base)) with each step rounded, like a GPU's fast power; 0 for base 0."""
+    """Return exp2(exponent log2(base)) with each step rounded, like fast pow on a GPU; 0 for base 0."""
     logarithm = np.log2(base, dtype=np.float64).astype(base.dtype)
     return np.asarray(np.exp2(exponent * logarithm, dtype=np.float64).astype(base.dtype))
 
@@ -90,9 +90,9 @@ def sigmoid(logits: Reals) -> Reals:
 
 
 def ndc_to_pixel(ndc: Reals, size: int) -> Reals:
-    """Return ((ndc + 1) size - 1) / 2, evaluated in double and rounded once.
+    """Return ((ndc + 1) size - 1) / 2, evaluated in double precision and rounded once.
 
-    This is the pixel mapping of the 3DGS family: the centre of pixel i is at the integer i, and ndc = -1 is
-    the left edge of pixel 0.
+    The pixel mapping is that of the 3DGS family: pixel i has its centre at the integer i, and ndc = -1 is the
+    left edge of pixel 0.
     """
     return np.asarray((((ndc.astype(np.float64) + 1) * size - 1) * 0.5).astype(ndc.dtype))

@@ -1,4 +1,4 @@
-"""Front-to-back compositing, shared by the splatting methods."""
+"""Front-to-back compositing, used by all splatting methods."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -12,20 +12,20 @@ from msb.reference.tiles import Integers, Tile
 
 # Compositing of a sample stops at this transmittance.
 MIN_TRANSMITTANCE = 1e-4
-# Faces of a tile that are evaluated at once: arrays of 64 faces x 256 samples fit into the cache.
+# Number of faces of a tile that are evaluated at once: arrays of 64 faces x 256 samples fit into the cache.
 _TOGETHER = 64
 
 
 class Layers(NamedTuple):
-    """The appearance of N faces, each at one sample.
+    """The appearance of N faces at one sample each.
 
     Attributes
     ----------
     color : (N, 3)
     depth : (N,)
-        Along the camera's z axis.
+        Depth along the camera's z axis.
     normal : (N, 3)
-        In camera space.
+        Normal in camera space.
     """
 
     color: Reals
@@ -38,21 +38,23 @@ class Rule:
     """The differences between the methods' compositing."""
 
     blends_crossing: bool
-    """True: the face that lowers the transmittance T to the threshold is blended, and the sample stops after
-    it (2DTS). False: a face that would lower T below the threshold is not blended (3DGS)."""
-    weight_first: bool
-    """True: a face of colour c adds c (alpha T) to the sum.
+    """True if the face that lowers the transmittance T to the threshold is still blended (2DTS).
 
-    False: the face adds (c alpha) T, which is rounded differently.
+    If false, a face that would lower T below the threshold is not blended (3DGS).
+    """
+    weight_first: bool
+    """True if a face of colour c adds c (alpha T) to the sum.
+
+    If false, the face adds (c alpha) T, which rounds differently.
     """
 
 
 @dataclass(frozen=True)
 class Composite:
-    """Sums over the faces at every sample, without background; arrays of H x W samples.
+    """Sums over the faces at every sample, without background, as arrays of H x W samples.
 
-    `depth_median` and `face_median` belong to the last blended face with T > 0.5 in front of it; they are 0
-    and -1 in samples without faces.
+    `depth_median` and `face_median` describe the last blended face that has a transmittance above 0.5 in
+    front of it. In samples without faces, `depth_median` is 0 and `face_median` is -1.
     """
 
     color: Reals
@@ -63,7 +65,7 @@ class Composite:
     face_median: NDArray[np.int32]
 
     def over(self, background: Reals) -> Reals:
-        """Return colour + T background."""
+        """Return the composited colour plus T times the background."""
         return np.asarray(self.color + self.transmittance[..., None] * background)
 
     @property
@@ -82,20 +84,20 @@ def composite(
     dtype: type[Any],
     weights: NDArray[np.float64] | None = None,
 ) -> Composite:
-    """Return the faces of every tile composited front to back.
+    """Return the faces of every tile composited from front to back.
 
     Parameters
     ----------
     tiles : iterable of Tile
-        Samples that belong to no tile stay empty.
+        Tiles of samples; samples outside all tiles stay empty.
     cover : callable
-        Takes K faces as (K, 1), and the columns and rows of P samples as (P,) reals. Returns the alpha of
-        every face at every sample, (K, P). Values below 1/255 are skipped.
+        A function of K faces as (K, 1), and of the columns and rows of P samples as (P,) reals. The function
+        returns the alpha of every face at every sample, (K, P). Alpha values below 1/255 are skipped.
     shade : callable
-        Takes N faces and the column and row of one sample for each, all (N,). Returns their appearance there.
-        It is called only for blended faces.
+        A function of N faces and of the column and row of one sample for each face, all (N,). The function
+        returns the appearance of each face at its sample. The function is called only for blended faces.
     weights : (F,) float64, optional
-        The contribution of each face is added to it: the sum over all samples of alpha times T.
+        Receives the contribution of each face: the sum over all samples of alpha times T.
     """
     image = Composite(
         color=np.zeros((height * width, 3), dtype),
@@ -108,7 +110,7 @@ def composite(
     for tile in tiles:
         pixels = tile.rows * width + tile.columns
         x, y = tile.columns.astype(dtype), tile.rows.astype(dtype)
-        # Blend K faces at a time into the P samples of the tile that are not finished.
+        # Blend K faces at a time into the P unfinished samples of the tile.
         for start in range(0, len(tile.faces), _TOGETHER):
             faces = tile.faces[start : start + _TOGETHER]
             alpha = cover(faces[:, None], x, y)
@@ -119,7 +121,7 @@ def composite(
                 continue
             faces, alpha = faces[somewhere], np.where(seen, alpha, 0)[somewhere]
             before, blended, goes_on = _attenuate(image.transmittance, pixels, alpha, rule)
-            # N pairs of a sample and a blended face, front to back within each sample.
+            # List the N blended faces of all samples: first by sample, then from front to back.
             sample, face = np.nonzero(blended.T)
             layers = shade(faces[face], x[sample], y[sample])
             if weights is not None:
@@ -134,16 +136,17 @@ def composite(
 def _attenuate(
     transmittance: Reals, pixels: Integers, alpha: Reals, rule: Rule
 ) -> tuple[Reals, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Lower the transmittance T of P pixels by K faces of `alpha` (K, P).
+    """Lower the transmittance T of P pixels by the `alpha` (K, P) of K faces.
 
-    Returns three arrays: T in front of every face (K, P), whether the face is blended (K, P), and which
-    pixels are not finished (P,).
+    Return three arrays: the transmittance T in front of each face (K, P), a mask of the blended faces (K, P),
+    and a mask of the pixels that stay open (P,).
     """
-    # T in front of the first face, between the faces, and behind the last: products from front to back.
+    # Multiply from front to back. The rows are T in front of the first face, between faces, and behind the
+    # last face.
     chain = np.concatenate([transmittance[pixels][None], 1 - alpha])
     chain = np.multiply.accumulate(chain, axis=0)
     before, after = chain[:-1], chain[1:]
-    # T never rises, so a sample that stops at a face is finished for all faces behind it.
+    # T only falls along a ray, so all faces behind the stopping face are skipped.
     threshold = alpha.dtype.type(MIN_TRANSMITTANCE)
     goes_on = chain > threshold if rule.blends_crossing else chain >= threshold
     blended = goes_on[:-1] if rule.blends_crossing else goes_on[1:]
@@ -160,7 +163,7 @@ def _add(
     before: Reals,
     rule: Rule,
 ) -> None:
-    """Add N blended faces to one pixel each. The pairs are sorted by pixel, then from front to back.
+    """Add N blended faces, each to one pixel. The pairs are sorted by pixel, then from front to back.
 
     `before` (N,) is the transmittance T in front of each face.
     """
@@ -171,10 +174,10 @@ def _add(
         color = layers.color * alpha[:, None] * before[:, None]
     totals = (*image.color.T, image.depth, *image.normal.T)
     terms = (*color.T, layers.depth * weight, *(layers.normal * weight[:, None]).T)
-    # add.at adds one pair after the other. add.at is faster if each channel has a separate call.
+    # add.at adds one pair after the other. Separate calls for each channel are faster.
     for total, term in zip(totals, terms, strict=True):
         np.add.at(total, pixels, term)
-    # The last pair of each pixel with T > 0.5 in front of the face.
+    # Find the last face of each pixel with T > 0.5 in front of the face.
     early = np.flatnonzero(before > 0.5)
     last = early[np.diff(pixels[early], append=-1) != 0]
     image.depth_median[pixels[last]] = layers.depth[last]
@@ -182,5 +185,6 @@ def _add(
 
 
 def expected_depth(depth: Reals, alpha: Reals) -> Reals:
-    """Return the sum of weight times depth, divided by alpha. The result is 0 at samples with alpha 0."""
+    """Return the expected depth: the sum of weight times depth, divided by alpha. Samples with alpha 0 have
+    the depth 0."""
     return np.where(alpha > 0, depth / np.where(alpha > 0, alpha, 1), 0).astype(depth.dtype)

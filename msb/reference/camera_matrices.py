@@ -1,8 +1,8 @@
 """The matrices that each method's official code derives from a camera.
 
-`msb.Camera` has OpenCV axes and pixel centres at half-integers. Official code reads angles of view or an
-intrinsic matrix. Converting the camera to that form reproduces the official float32 matrices.
-docs/reference.md describes the remaining differences.
+`msb.Camera` has OpenCV axes and pixel centres at half-integers. Some official code reads angles of view;
+other official code reads an intrinsic matrix. This module converts a camera to both forms, and reproduces the
+official float32 matrices. Remaining differences are described in docs/reference.md.
 """
 
 import math
@@ -17,7 +17,7 @@ from msb.scenes import Camera
 
 @dataclass(frozen=True)
 class SplattingCamera:
-    """The inputs of the splatting rasterizers, for a raster of `width` x `height` samples.
+    """Inputs of the splatting rasterizers for a raster of `width` x `height` samples.
 
     Attributes
     ----------
@@ -31,7 +31,8 @@ class SplattingCamera:
         tan(fov / 2) in x and y.
     shift : (2,)
         Offset of the principal point from the middle of the raster, to the right and down, in samples.
-        Official code ignores it. Here it is added to every sample position, which has no effect if it is 0.
+        The official code ignores the shift. This renderer adds the shift to every sample position; a shift of
+        0 has no effect.
     """
 
     width: int
@@ -51,19 +52,21 @@ def splatting_camera(
     Parameters
     ----------
     near, far : float
-        Planes of the projection in scene units; they affect only its z row.
+        Near and far plane of the projection in scene units, which affect only the projection's z row.
     dtype : numpy.float32 or numpy.float64
-        float32: every matrix is rounded like the official one, and the product P W is computed in float32.
+        float32: every matrix is rounded as in the official code, and the product P W is computed in float32.
     scale : int
-        Samples per pixel along each axis. The raster is `scale` times as large, the angles of view stay.
+        Samples per pixel along each axis. The raster is `scale` times as large, and the angles of view are
+        unchanged.
 
     Notes
     -----
     Formulas: GaodeRender/triangle-splatting: src/diff_recon/utils/camera.py;
-    trianglesplatting/triangle-splatting: utils/graphics_utils.py, scene/cameras.py. The official centre comes
-    from a float32 inverse of W. Here the inverse is computed in double and rounded, because the last bits of
-    the official one depend on the linear algebra library. The official code of Triangle-Splatting and
-    MeshSplatting inverts W twice in double before rounding; that changes W by less than 1e-16 and is omitted.
+    trianglesplatting/triangle-splatting: utils/graphics_utils.py, scene/cameras.py. The official code gets
+    the camera centre from a float32 inverse of W. This module computes the inverse in double precision and
+    rounds it. The last bits of the official inverse depend on the linear algebra library. The official code
+    of Triangle-Splatting and MeshSplatting inverts W twice in double precision before rounding. The second
+    inversion changes W by less than 1e-16 and is omitted here.
     """
     tan_x, tan_y = math.tan(camera.fov_x / 2), math.tan(camera.fov_y / 2)
     projection = np.zeros((4, 4), dtype)

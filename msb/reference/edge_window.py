@@ -25,47 +25,47 @@ from msb.reference.camera_matrices import SplattingCamera
 from msb.reference.engine import EngineTriangles, project_engine
 from msb.reference.tiles import Integers, Modes
 
-# Planes of the official projection matrix, in scene units.
+# Near and far plane of the official projection matrix, in scene units.
 NEAR, FAR = 0.01, 100.0
 # Faces whose centroid has at most this depth (camera z, scene units) are dropped.
 NEAREST = 0.2
-# Faces are dropped if the cosine between their normal and the view direction is smaller than this in
-# magnitude.
+# Smallest absolute cosine of the angle between a face's normal and the view direction; other faces are
+# dropped.
 GRAZING = 0.001
-# Least divisor when a vector is normalised, in scene units, or in square scene units for cross products of
-# edges.
+# Smallest divisor when a vector is normalised, in scene units. The divisor has square scene units for cross
+# products of edges.
 MIN_LENGTH = 1e-4
 # Faces with a lower opacity are dropped.
 MIN_OPACITY = 0.01
-# Faces with a corner more than this many samples away from their centroid are dropped.
+# Faces with a corner farther than this many samples from their centroid are dropped.
 MAX_RADIUS = 1600
 
 
 @dataclass(frozen=True)
 class Windows:
-    """F faces on the screen, in samples.
+    """Projected faces on the screen, in samples; F is the number of faces.
 
-    Methods take face numbers, and the columns and rows of samples. These arrays are broadcast: pass K faces
-    as (K, 1) and P samples as (P,), or N faces with one sample each as (N,).
+    Methods of this class take face numbers, and the columns and rows of samples. Face and sample arrays are
+    broadcast. Pass K faces as (K, 1) and P samples as (P,). For N faces with one sample each, pass (N,).
     """
 
-    # (F,) whether a face is culled by distance, grazing view or size. The methods also cull by opacity and
-    # tiles.
+    # (F,) whether a face is culled by distance, grazing view angle or size. Faces are also culled by opacity
+    # and by tiles.
     dropped: NDArray[np.bool_]
     # (F,) camera z of the centroid: the sort key.
     depth: Reals
-    # (F, 3) normals in camera space, towards the camera. Normals have length 1, or less for faces with an
-    # area below 5e-5 square scene units.
+    # (F, 3) face normals in camera space, towards the camera. Face normals have length 1, or less for faces
+    # with an area below 5e-5 square scene units.
     normal: Reals
     # (F, 3, 2)
     corners: Reals
     # (F, 3, 2) unit normals of the edges from corner k to k + 1, pointing outwards.
     edge_normal: Reals
-    # (F, 3) offsets of the edges: n . q + offset is the signed distance of a point q from an edge, positive
-    # outside.
+    # (F, 3) edge offsets. The signed distance of a point q from an edge with normal n is n . q + offset,
+    # which is positive outside.
     edge_offset: Reals
-    # (F, 3) signed distance of the incentre from each edge: negative, and equal for the three edges up to
-    # rounding.
+    # (F, 3) signed distance of the incentre from each edge. The distance is negative, and equal for all three
+    # edges up to rounding.
     inradius: Reals
     # (F,) largest distance from a corner to the projected centroid.
     radius: Reals
@@ -80,11 +80,11 @@ class Windows:
         return np.where(nearest > 0, np.nan, nearest * (1 / self.inradius[faces, 2]))
 
     def depth_at(self, faces: Integers, x: Reals, y: Reals) -> Reals:
-        """Return the depth of faces, which is constant over a face: the depth of its centroid."""
+        """Return the depth of the faces' centroids; the depth is constant over a face."""
         return np.asarray(self.depth[faces])
 
     def barycentrics(self, faces: Integers, x: Reals, y: Reals) -> tuple[Reals, Reals, Reals]:
-        """Return the weights of the three corners of faces at samples; affine in screen space."""
+        """Return the weights of the three corners of faces at samples. Weights are affine in screen space."""
         first, second, third = np.moveaxis(self.corners[faces], (-2, -1), (0, 1))
         e1, e2 = second - first, third - first
         e = x - first[0], y - first[1]
@@ -95,7 +95,7 @@ class Windows:
 
 
 def project_shapes(triangles: Reals, view: SplattingCamera, modes: Modes) -> Windows | EngineTriangles:
-    """Return triangles (F, 3 corners, 3) on the screen, by the official or an engine's rules."""
+    """Return triangles (F, 3 corners, 3) on the screen, by the rules of the official code or of an engine."""
     if not modes.engine:
         return project_windows(triangles, view)
     shapes = project_engine(triangles, view, incentre=True)
@@ -103,7 +103,10 @@ def project_shapes(triangles: Reals, view: SplattingCamera, modes: Modes) -> Win
 
 
 def project_windows(triangles: Reals, view: SplattingCamera) -> Windows:
-    """Return triangles (F, 3 corners, 3) on the screen, without clipping: corners behind are mirrored."""
+    """Return triangles (F, 3 corners, 3) on the screen without clipping.
+
+    Corners behind the camera are mirrored.
+    """
     real = triangles.dtype.type
     center = centroid(triangles)
     camera = transform(view.world_to_camera[:3], center)
@@ -113,7 +116,7 @@ def project_windows(triangles: Reals, view: SplattingCamera) -> Windows:
     corners, middle = _to_samples(triangles, view), _to_samples(center, view)
     radius = np.fmax.reduce(norm(corners - middle[:, None]), axis=1, initial=0)
 
-    # Incentre: the corners weighted by the lengths of the opposite edges.
+    # Compute the incentre: the corners weighted by the lengths of the opposite edges.
     first, second, third = corners[:, 0], corners[:, 1], corners[:, 2]
     a, b, c = norm(second - third)[:, None], norm(first - third)[:, None], norm(first - second)[:, None]
     incentre = (a * first + b * second + c * third) / (a + b + c)
@@ -131,7 +134,7 @@ def project_windows(triangles: Reals, view: SplattingCamera) -> Windows:
         edge_offset * outward,
         inradius * outward,
     )
-    # The comparisons are written such that NaN does not drop a face, as in the official code.
+    # NaN does not drop a face in these comparisons, as in the official code.
     dropped |= (radius > MAX_RADIUS) | (radius < 1) | (inradius[:, 2] > -1)
     return Windows(dropped, camera[:, 2], normal, corners, edge_normal, edge_offset, inradius, radius)
 
@@ -139,9 +142,9 @@ def project_windows(triangles: Reals, view: SplattingCamera) -> Windows:
 def _facing_normals(
     triangles: Reals, camera: Reals, view: SplattingCamera
 ) -> tuple[Reals, NDArray[np.bool_]]:
-    """Return normals turned towards the camera, and which faces are seen edge-on.
+    """Return normals turned towards the camera, and a mask of faces seen edge-on.
 
-    `camera` (F, 3) are the centroids in camera space.
+    `camera` (F, 3) contains the centroids in camera space.
     """
     real = triangles.dtype.type
     normal = cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
@@ -154,7 +157,7 @@ def _facing_normals(
 
 
 def _to_samples(points: Reals, view: SplattingCamera) -> Reals:
-    """Return the positions of points (..., 3) on the raster, (..., 2); sample (i, j) is centred at (i, j)."""
+    """Return the raster positions (..., 2) of points (..., 3); sample (i, j) is centred at (i, j)."""
     h = transform(view.full_projection, points)
     inverse = 1 / (h[..., 3] + h.dtype.type(1e-7))
     x = ndc_to_pixel(h[..., 0] * inverse, view.width)
@@ -163,12 +166,12 @@ def _to_samples(points: Reals, view: SplattingCamera) -> Reals:
 
 
 def window_alpha(phi: Reals, opacity: Reals, sigma: Reals, cap: float) -> Reals:
-    """Return min(cap, o phi^sigma) of K faces at P samples, (K, P); 0 outside the faces.
+    """Return min(cap, opacity phi^sigma) of K faces at P samples, (K, P); 0 outside the faces.
 
     Parameters
     ----------
     phi : (K, P)
-        0 on the edges (which belong to the face), 1 at the incentre, NaN outside.
+        The window function: 0 on the edges (which belong to the face), 1 at the incentre, NaN outside.
     opacity, sigma : (K, 1)
     """
     inside = np.nonzero(~np.isnan(phi))

@@ -1,13 +1,13 @@
-"""How a game engine samples the triangles of a splatting method: by the rules of graphics hardware.
+"""Sampling of a splatting method's triangles by the rules of graphics hardware, as in a game engine.
 
 Fragments exist only at pixel centres inside the projected triangle. Geometry nearer than the near plane is
-clipped. Attributes are interpolated with perspective correction. Tiles do not exist, and nothing is culled by
-size or distance. Coverage window, colours and blending follow the method.
+clipped. Vertex attributes are interpolated with perspective correction. Faces are not sorted into tiles, and
+are not culled by size or distance. The coverage window, colours and blending follow the method.
 
-Barycentric coordinates divided by depth are affine on the screen, and so is 1 / depth. These quotients are
-called homogeneous edge functions (Olano and Greer, "Triangle scan conversion using 2D homogeneous
-coordinates", 1997). With these functions no polygon has to be clipped, because all three functions are
-negative where a line of sight meets the triangle behind the camera.
+Barycentric coordinates divided by depth are affine on the screen, and so is 1 / depth. The barycentric
+coordinates divided by depth are called homogeneous edge functions (Olano and Greer, "Triangle scan conversion
+using 2D homogeneous coordinates", 1997). Polygons need no clipping: where a ray meets the triangle behind the
+camera, all three functions are negative.
 """
 
 from dataclasses import dataclass
@@ -21,16 +21,16 @@ from msb.reference.tiles import TILE, Integers, Rectangles
 
 # Camera depth of the near plane in scene units, as on the standard tier.
 NEAR = 0.01
-# The box of a triangle is widened by this number of samples, so that rounding cuts off nothing.
+# The box of a triangle is widened by this number of samples, so that rounding does not cut off samples.
 SLACK = 0.1
-# The low end of a box plus this number is rounded down to the first sample, as in splat_common.cl. So a
-# sample just outside the box is included.
+# Offset added to the low end of a box before rounding down to the first sample, as in splat_common.cl. The
+# offset includes a sample just outside the box.
 ALMOST_ONE = 0.999
 
 
 @dataclass(frozen=True)
 class EngineTriangles:
-    """F triangles on the screen, in samples; sample (i, j) has its centre at (i, j).
+    """Projected triangles on the screen, in samples; sample (i, j) has its centre at (i, j).
 
     Faces and samples broadcast against each other, as in `msb.reference.edge_window.Windows`.
 
@@ -40,9 +40,9 @@ class EngineTriangles:
         Whether the face is seen edge-on, has no area, is nearer than the near plane everywhere, or is outside
         the raster.
     back : (F,) bool
-        Whether the corners run clockwise on the screen.
+        Whether the corners are in clockwise order on the screen.
     depth : (F,)
-        Camera z of the centroid, 0 for centroids behind the camera: the sort key.
+        The sort key: camera z of the centroid, or 0 for centroids behind the camera.
     normal : (F, 3)
         Unit normal in camera space, oriented by the order of the corners.
     edges : (F, 3, 3)
@@ -66,7 +66,7 @@ class EngineTriangles:
 
     @property
     def radius(self) -> Reals:
-        """The radius for culling: 0, because an engine does not cull by radius."""
+        """The culling radius, which is 0, because an engine does not cull by radius."""
         return np.zeros_like(self.depth)
 
     def facing_normal(self) -> Reals:
@@ -74,9 +74,9 @@ class EngineTriangles:
         return np.where(self.back[:, None], -self.normal, self.normal)
 
     def phi(self, faces: Integers, x: Reals, y: Reals) -> Reals:
-        """Return the least weighted barycentric coordinate of faces at samples.
+        """Return the smallest weighted barycentric coordinate of faces at samples.
 
-        This coordinate is 0 on the edges, 1 in the middle, and NaN at samples without a fragment.
+        The result is 0 on the edges, 1 in the middle, and NaN at samples without a fragment.
         """
         first, second, third = self._weighted(faces, x, y)
         nearest = np.minimum(np.minimum(first, second), third)
@@ -112,16 +112,16 @@ def project_engine(triangles: Reals, view: SplattingCamera, *, incentre: bool) -
     Parameters
     ----------
     incentre : bool
-        True: the window is 1 at the incentre; it is the distance to the nearest edge divided by the inradius,
-        both measured on the triangle in space. False: it is 1 at the centroid; it is three times the least
-        barycentric coordinate.
+        If true, the window is 1 at the incentre. The window is the distance to the nearest edge divided by
+        the inradius, both measured on the triangle in space. If false, the window is three times the smallest
+        barycentric coordinate, so it is 1 at the centroid.
 
     Notes
     -----
     For corners p_k in camera space, normal N = (p_1 - p_0) x (p_2 - p_0) and a ray d = (x, y, 1): 1 / depth =
     N . d / V and b_k / depth = (p_i x (p_j - p_i)) . d / V with V = p_0 . N, where i and j are the two other
-    corners, in order. The distance to the edge opposite to corner k, divided by the inradius, is b_k times
-    the perimeter divided by the length of that edge.
+    corners, in order. Let h be the distance to the edge opposite corner k, divided by the inradius. Then h is
+    b_k times the perimeter, divided by the length of this edge.
     """
     real = triangles.dtype.type
     corners = transform(view.world_to_camera[:3], triangles)
@@ -129,21 +129,21 @@ def project_engine(triangles: Reals, view: SplattingCamera, *, incentre: bool) -
     opposite = last - following
     normal = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     volume = dot(corners[:, 0], normal)
-    # Written with "not >=", so that NaN drops a triangle.
+    # The comparison is written with "not >=", so that NaN drops a triangle.
     dropped = ~(np.abs(volume) >= np.finfo(np.float32).tiny)
 
-    # Weights of the barycentric coordinates (see Notes).
+    # Compute the weights of the barycentric coordinates (see Notes).
     if incentre:
         length = norm(opposite)
         perimeter = length[:, 0] + length[:, 1] + length[:, 2]
         weights = perimeter[:, None] / length
     else:
         weights = np.full((len(triangles), 3), 3, real)
-    # Affine functions of the sample's position.
+    # Compute the affine functions of the sample's position.
     edges = _on_raster(cross(following, opposite), view) * (weights / volume[:, None])[..., None]
     inverse_depth = _on_raster(normal, view) * (1 / volume)[:, None]
 
-    # Boxes of samples, and the tiles that they touch.
+    # Compute the boxes of samples, and the tiles that the boxes touch.
     first, final = _sample_box(corners, view)
     dropped |= (final < first).any(axis=1)
     depth = transform(view.world_to_camera[2:3], centroid(triangles))[:, 0]
@@ -160,13 +160,14 @@ def project_engine(triangles: Reals, view: SplattingCamera, *, incentre: bool) -
 
 
 def _scale(view: SplattingCamera) -> tuple[Reals, Reals]:
-    """Return the difference of the rays of adjacent samples (2,), and the sample on the optical axis (2,)."""
+    """Return the difference (2,) between the rays of adjacent samples, and the sample (2,) on the optical
+    axis."""
     size = np.array([view.width, view.height], view.tan_fov.dtype)
     return 2 * view.tan_fov / size, (size - 1) * size.dtype.type(0.5) + view.shift
 
 
 def _on_raster(planes: Reals, view: SplattingCamera) -> Reals:
-    """Return (a, b, c) for normals n (..., 3), so that n . ray is a x + b y + c at the sample (x, y)."""
+    """Return (a, b, c) for normals n (..., 3), such that n . ray = a x + b y + c at the sample (x, y)."""
     step, middle = _scale(view)
     a, b = planes[..., 0] * step[0], planes[..., 1] * step[1]
     return np.stack([a, b, (planes[..., 2] - a * middle[0]) - b * middle[1]], axis=-1)
@@ -177,12 +178,13 @@ def _sample_box(corners: Reals, view: SplattingCamera) -> tuple[Integers, Intege
     real = corners.dtype.type
     near, (step, middle) = real(NEAR), _scale(view)
     z, following = corners[..., 2], np.roll(corners, -1, axis=1)
-    # Points where the edges cross the near plane (valid only for edges that cross it).
+    # Compute the points where edges cross the near plane. The points are valid only for edges that cross the
+    # plane.
     share = (near - z) / (following[..., 2] - z)
     cut = corners[..., :2] + share[..., None] * (following[..., :2] - corners[..., :2])
     inside = z >= near
     crosses = inside != np.roll(inside, -1, axis=1)
-    # Box of the corners beyond the near plane and of the crossing points, on the raster.
+    # Compute the box of the corners beyond the near plane and of the crossing points, on the raster.
     points = np.concatenate([corners[..., :2] / z[..., None], cut / near], axis=1) / step + middle
     seen = np.concatenate([inside, crosses], axis=1)[..., None]
     low = np.fmin.reduce(np.where(seen, points, np.inf), axis=1) - real(SLACK)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, eq=False)
 class ReferenceFrame:
-    """An image and all other results of the official kernel, for H x W pixels and F faces.
+    """An image of H x W pixels and all other results of the official kernel, for F faces.
 
     Floating-point arrays have the requested dtype. Row 0 is the top of the image. Results that the method's
     official kernel does not define are None.
@@ -21,25 +21,25 @@ class ReferenceFrame:
     alpha : (H, W)
         1 - transmittance; for DiffSoup 1 in pixels with a face, else 0.
     depth : (H, W)
-        Along the camera's z axis in scene units, 0 in empty pixels: the expected depth (sum of weight times
-        depth, divided by alpha), for DiffSoup the depth of the visible face.
+        Depth along the camera's z axis in scene units, 0 in empty pixels. The value is the expected depth
+        (sum of weight times depth, divided by alpha), or for DiffSoup the depth of the visible face.
     depth_median : (H, W), optional
         Depth of the face that lowers the transmittance to one half; 0 in empty pixels. Triangle-Splatting
-        uses the depth of its centroid, MeshSplatting the depth interpolated at the sample.
+        uses the depth of the face's centroid, and MeshSplatting the depth interpolated at the sample.
     normal : (H, W, 3), optional
         Sum of weight times normal in camera space (x right, y down, z forward), not normalised.
     face_id : (H, W) int32, optional
         The face at the median (MeshSplatting), the visible face (DiffSoup); -1 in empty pixels.
     visible : (F,) bool
         Whether each face passes the culling of the preprocessing (official radius above 0). DiffSoup has no
-        such culling; there, whether the face is visible in at least one pixel.
+        such culling; its mask contains the faces that are visible in at least one pixel.
     contribution : (F,) float64, optional
         Sum of the weights (alpha times transmittance) of each face over all samples of the raster; for
         DiffSoup the number of pixels that show the face.
     raw : dict
-        Buffers of the official kernel, in its resolution and row order; docs/reference.md lists them.
+        Buffers of the official kernel, in the kernel's resolution and row order; see docs/reference.md.
     timings : dict
-        Stage -> milliseconds, if they were measured.
+        Milliseconds of each measured stage.
     """
 
     image: NDArray[np.floating[Any]]

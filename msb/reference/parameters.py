@@ -1,6 +1,6 @@
-"""An asset's buffers as activated parameters for the reference renderers.
+"""The buffers of an asset, converted to activated parameters for the reference renderers.
 
-Opening an asset checks only the shapes of its buffers, so their values are checked here.
+Opening an asset checks only the shapes of its buffers, so this module checks their values.
 """
 
 from typing import Any
@@ -15,7 +15,7 @@ from msb.reference.arithmetic import Reals, sigmoid
 
 
 def number(asset: Asset, section: str, key: str) -> float:
-    """Return a number from a section of the manifest; TRIASSET_FIELD if it is not a number."""
+    """Return a number from a section of the manifest; raise TRIASSET_FIELD for any other value."""
     value = getattr(asset.manifest, section).get(key)
     if isinstance(value, bool) or not isinstance(value, int | float):
         text = f"{section}.{key} is {value!r:.40}; it must be a number"
@@ -24,7 +24,7 @@ def number(asset: Asset, section: str, key: str) -> float:
 
 
 def opacities(asset: Asset, rows: int, dtype: type[Any]) -> Reals:
-    """Return 1 / (1 + exp(-logit)) of the stored logits, (rows,); infinite logits give 0 and 1."""
+    """Return 1 / (1 + exp(-logit)) of the stored logits, (rows,). Infinite logits give 0 and 1."""
     require(asset, "opacity", "encoding", "logit")
     return sigmoid(required_buffer(asset, "opacity", rows).astype(dtype))
 

@@ -1,4 +1,4 @@
-"""Colours from spherical harmonics, evaluated like the official kernels."""
+"""Colours from spherical harmonics, evaluated in the order of the official kernels."""
 
 import numpy as np
 
@@ -12,11 +12,11 @@ def colors_from_sh(coefficients: Reals, points: Reals, center: Reals, degree: in
     Parameters
     ----------
     coefficients : (n, 1 + K, 3)
-        Coefficients k of the basis functions B. Those above `degree` are ignored.
+        Coefficients k of the basis functions B. Coefficients above `degree` are ignored.
     points : (n, 3)
         Points p in the world that define the view directions.
     center : (3,)
-        The camera's position c. The direction d = (p - c) / |p - c| points away from it.
+        The camera's position c. The direction d = (p - c) / |p - c| points away from the camera.
 
     Returns
     -------

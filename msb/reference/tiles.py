@@ -1,4 +1,4 @@
-"""Tiles of 16 x 16 samples: the faces that each tile lists, front to back."""
+"""Tiles of 16 x 16 samples, and the faces that each tile lists from front to back."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,20 +19,23 @@ Integers = NDArray[Any]
 
 @dataclass(frozen=True)
 class Rectangles:
-    """The rectangle [low, high) of tiles that list each of F faces; both are (F, 2) integers, x and y."""
+    """For each of F faces, the rectangle [low, high) of tiles that list the face.
+
+    `low` and `high` are (F, 2) integers, x and y.
+    """
 
     low: Integers
     high: Integers
 
     @property
     def empty(self) -> NDArray[np.bool_]:
-        """Whether a rectangle is empty by the official test: the product of both extents is 0."""
+        """Whether a rectangle is empty by the official test: the product of its width and height is 0."""
         return np.asarray((self.high - self.low).prod(axis=1) == 0)
 
 
 @dataclass(frozen=True)
 class Tile:
-    """P samples and the K faces listed for them, front to back.
+    """The P samples of a tile, and the K faces listed for them from front to back.
 
     `columns` and `rows` are (P,) integers, `faces` is (K,).
     """
@@ -50,7 +53,7 @@ def grid_size(width: int, height: int) -> Integers:
 def tile_number(value: Reals, limit: Integers) -> Integers:
     """Return `value` (..., 2) truncated to integers and clamped to [0, `limit`]. `limit` is (2,).
 
-    A GPU converts floats to integers in the same way: it saturates, and maps NaN to 0.
+    As in a conversion on a GPU, large values saturate, and NaN becomes 0.
     """
     return np.asarray(np.clip(np.nan_to_num(np.trunc(value), nan=0), 0, limit).astype(np.int64))
 
@@ -60,9 +63,9 @@ def tiles_front_to_back(
 ) -> Iterator[Tile]:
     """Yield every tile of the raster that lists at least one of the `kept` faces.
 
-    Without `rectangles` every tile lists every face. The sort key `depth` must not be negative; equal keys
-    keep ascending face numbers. The official kernels sort (tile number << 32 | bits of the float32 depth)
-    with a stable radix sort; for positive depths that is the same order.
+    Without `rectangles` every tile lists every face. The sort key `depth` must not be negative. Faces with
+    equal keys keep ascending face numbers. The official kernels sort (tile number << 32 | bits of the float32
+    depth) with a stable radix sort. For positive depths, both sorts give the same order.
     """
     columns, tile_rows = grid_size(width, height).tolist()
     faces = np.flatnonzero(kept)
@@ -71,7 +74,7 @@ def tiles_front_to_back(
         for tile in range(columns * tile_rows if len(faces) else 0):
             yield _tile(tile, columns, width, height, faces)
         return
-    # One pair of (face, tile) for each tile of each rectangle; pairs stay sorted by depth.
+    # Create one pair of (face, tile) for each tile of each rectangle; pairs stay sorted by depth.
     extent = np.maximum(rectangles.high - rectangles.low, 0)[faces]
     counts = extent.prod(axis=1)
     listed = np.repeat(np.arange(len(faces)), counts)
@@ -94,12 +97,12 @@ def _tile(number: int, columns: int, width: int, height: int, faces: Integers) -
 
 @dataclass(frozen=True)
 class Modes:
-    """The order of drawing and the rules of sampling; the defaults are official.
+    """The drawing order and the sampling rules; the defaults follow the official code.
 
-    With order "tile", triangles are drawn by depth, and each only in its official tiles. With "global" and
-    "none" triangles are drawn wherever they reach: by depth with "global", and in the order of the asset with
-    "none". With sampling "engine" (`msb.reference.engine`) a triangle reaches exactly to its edges, so "tile"
-    and "global" give the same image.
+    With order "tile", triangles are sorted by depth, and each triangle is drawn only in its official tiles.
+    With order "global" (by depth) or "none" (by index), triangles are drawn in every tile that they reach.
+    With sampling "engine" (`msb.reference.engine`), the tiles of a triangle contain all of its samples, so
+    "tile" and "global" give the same image.
     """
 
     order: Order = "tile"
@@ -107,7 +110,7 @@ class Modes:
 
     @property
     def engine(self) -> bool:
-        """Whether triangles are sampled like graphics hardware does."""
+        """Whether triangles are sampled as graphics hardware does."""
         return self.sampling == "engine"
 
     def tiles(

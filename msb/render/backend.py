@@ -1,4 +1,4 @@
-"""The contract of a renderer, and the lookup of renderers by tier or by the name of an entry point."""
+"""The interface of a renderer, and functions that find a renderer by its tier or by its name."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 
 Factory = Callable[..., "Backend"]
 
-# Tier -> the built-in renderer that draws it.
+# For each renderer tier, the built-in renderer.
 BUILT_IN = {
     "standard": "msb.render.standard.renderer:StandardRenderer",
     "dedicated": "msb.render.dedicated:dedicated_renderer",
     "reference": "msb.reference:ReferenceRenderer",
 }
-# Tiers whose built-in renderer needs an OpenCL device.
+# Renderer tiers whose built-in renderer needs an OpenCL device.
 ON_OPENCL = ("standard", "dedicated")
-# Name of another engine -> the renderer that uses it.
+# The renderer class of each other engine.
 ENGINES = {
     "wgpu": "msb.engines.webgpu:WgpuRenderer",
     "threejs": "msb.engines.threejs:ThreeJsRenderer",
@@ -42,8 +42,9 @@ ENGINES = {
 # frame.
 Group = Literal["geometry", "appearance", "scratch", "targets"]
 
-# A renderer may reorganise its data until it draws the frame with this number. The memory of later frames
-# depends on the cameras only, not on the number of frames. Benchmarks measure from this frame on.
+# A renderer may reorganise its data before it draws the frame with this number. From this frame on, the
+# memory of a frame depends on its camera, not on the number of earlier frames. Benchmarks measure frame times
+# from this frame.
 SETTLED_AT = 3
 
 
@@ -51,7 +52,8 @@ SETTLED_AT = 3
 class DrawTime:
     """The time that a frame took on the device, in milliseconds."""
 
-    # The run time of the commands of each stage. The sum is the time during which the device was busy.
+    # Run time of the commands of each stage. The sum over stages is the time during which the device was
+    # busy.
     stages: Mapping[str, float]
     # Time from the start of the first command to the end of the last command.
     span: float
@@ -63,50 +65,51 @@ class Backend(Protocol):
     """A renderer that holds one asset and draws it.
 
     A renderer is created as ``Class(asset, device=None, settings={})``. `device` selects where to compute: a
-    selector ("cpu", "gpu", "pocl:0") or an open device. A renderer that cannot choose ignores it. `settings`
-    override the settings that the asset stores.
+    selector ("cpu", "gpu", "pocl:0") or an open device. A renderer that cannot choose a device ignores
+    `device`. `settings` override settings of the asset.
 
-    A renderer may also have these members:
+    A renderer may also have the following members:
 
     - The attribute `device_info`: a mapping with `platform`, `name` and `kind` ("cpu" or "gpu") of the
       drawing device. Renderers that do not draw on an OpenCL device need this attribute.
     - The class attribute `tiers`: the tiers that the class draws. The default is all tiers.
     - The class method `of_tier(tier)`: returns the class that draws a tier, if tiers have different classes.
-    - The class method `missing()`: returns which software must be installed first, or None. This method must
-      be quick.
-    - The class method `installed()`: returns the version string without starting the engine. A renderer needs
-      this method if its `version` is known only after the first frame, because `msb run` renders again when
-      the version changes.
-    - The method `memory_groups()`: returns a mapping from each purpose in `memory()` to its `Group`. Purposes
-      without an entry count as scratch memory.
+    - The class method `missing()`: returns the name of missing software, or None. The call must be quick.
+    - The class method `installed()`: returns the version string without starting the engine. Implement
+      `installed` if `version` is known only after the first frame, because `msb run` renders images again
+      when the version changes.
+    - The method `memory_groups()`: returns the `Group` of each purpose in `memory()`. Purposes without an
+      entry count as scratch memory.
     """
 
     name: str
     """The name of the renderer in reports."""
     version: str
-    """The version of the drawing software; results of different versions are not mixed."""
+    """The version of the drawing software; results of different versions are never mixed."""
 
     def render(self, camera: Camera, background: tuple[float, float, float]) -> Frame:
         """Draw the asset from `camera` over `background` (RGB)."""
 
     def draw(self, camera: Camera, background: tuple[float, float, float]) -> DrawTime:
-        """Draw and wait until the frame is complete, without reading it back. Benchmarks time this."""
+        """Draw a frame and wait until it is complete, without reading it back. Benchmarks time this."""
 
     def memory(self) -> Mapping[str, int]:
-        """Return the bytes of device memory for this asset by purpose; empty if the renderer cannot tell."""
+        """Return the bytes of device memory for this asset by purpose. If the renderer cannot count them,
+        return an empty mapping."""
 
     def close(self) -> None:
-        """Release all memory. A second call has no effect."""
+        """Release all memory. A second call of `close` has no effect."""
 
 
 def find_renderer(name: str) -> Factory:
-    """Return the class of renderer `name`, a tier or an entry point of the group `msb.renderers`."""
+    """Return the class of renderer `name`. The name is a tier or an entry point of the group
+    `msb.renderers`."""
     with attribute_errors(name):
         return _factory(name)
 
 
 def _factory(name: str) -> Factory:
-    # Built-in renderers cannot be replaced, so no entry points are searched for them.
+    # Built-in renderers cannot be replaced, so entry points are not searched for their names.
     if is_ours(name):
         module, _, attribute = {**BUILT_IN, **ENGINES}[name].partition(":")
         return getattr(import_module(module), attribute)  # type: ignore[no-any-return]
@@ -138,7 +141,8 @@ def make_backend(factory: Factory, name: str, asset: Asset, **options: Any) -> B
 
 @contextmanager
 def attribute_errors(name: str) -> Iterator[None]:
-    """Run code of renderer `name`; errors of a foreign renderer become ENGINE_FAILED with its name."""
+    """Run code of renderer `name`. If the renderer is from another package, its errors become ENGINE_FAILED
+    with its name."""
     if is_ours(name):
         yield
         return
@@ -157,7 +161,8 @@ def is_ours(name: str) -> bool:
 
 @cache
 def renderers() -> dict[str, str]:
-    """Return "module:Class" of each renderer by name: built-in ones, engines, then entry points.
+    """Return "module:Class" of each renderer by name: first built-in renderers, then engines, then entry
+    points.
 
     Nothing is imported.
     """
@@ -167,7 +172,8 @@ def renderers() -> dict[str, str]:
 
 
 def why_unavailable(name: str) -> str | None:
-    """Return why the renderer `name` cannot draw here (missing software or an error); None if it can."""
+    """Return why the renderer `name` cannot draw on this machine (missing software or an error), or None if
+    it can."""
     try:
         with contain_errors():
             factory = _factory(name)
@@ -179,7 +185,7 @@ def why_unavailable(name: str) -> str | None:
 
 
 def check_supported(asset: Asset, tier: str) -> None:
-    """Raise an error if the asset's method does not support the tier."""
+    """Raise an error if the asset's method does not support the renderer tier."""
     if tier not in TIERS:
         text = f'tier "{shorten(str(tier), 40)}" does not exist; choose one of {", ".join(TIERS)}'
         raise UsageError("USAGE", text)
@@ -189,10 +195,11 @@ def check_supported(asset: Asset, tier: str) -> None:
 
 
 def class_for(asset: Asset, tier: str, name: str | None, options: Mapping[str, Any]) -> Factory:
-    """Return the class that draws an asset on a tier: built-in, or chosen by the renderer `name`.
+    """Return the class that draws an asset on a renderer tier. It is the built-in class, or the class of the
+    renderer `name`.
 
-    All checks of a tier and its options happen here: the method must support the tier, the renderer must draw
-    it, and the class must accept the options.
+    Check a tier and its options. The method must support the tier, the renderer must draw it, and the class
+    must accept the options.
     """
     check_supported(asset, tier)
     make = find_renderer(name or tier)
@@ -224,7 +231,7 @@ def _check_options(make: Factory, options: Mapping[str, Any], asset: Asset, name
             raise Unsupported("UNSUPPORTED_OPTION", text, file=asset.opened_from)
 
 
-# Option -> a hint at the tiers that accept the option.
+# For each option, a hint at the tiers that accept it.
 _ELSEWHERE = {
     **dict.fromkeys(("order", "sampling"), "; use it with tier dedicated or reference"),
     "supersample": "; use it with tier standard",
@@ -232,9 +239,10 @@ _ELSEWHERE = {
 
 
 def minimal_options(tier: str, renderer: str | None, *, ids: bool = False) -> dict[str, Any]:
-    """Return options that make the built-in renderer of `tier` compute only the needed outputs.
+    """Return options that limit the built-in renderer of `tier` to the needed outputs.
 
-    Commands that write colours only do not need normals and median depths; `ids` adds the face ids.
+    A command that writes only colours needs no normals and no median depths. Pass `ids` to include the face
+    ids.
     """
     if tier != "dedicated" or renderer is not None:
         return {}

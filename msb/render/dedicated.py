@@ -1,4 +1,4 @@
-"""The dedicated tier: native rendering, with the method's own image formation.
+"""The dedicated tier: native rendering by the image formation of the method.
 
 The module `native` of a method has a function ``splat_model`` or a class ``Pipeline``. The splatting pipeline
 can draw the result of ``splat_model`` (`msb.render.splat.model`). A ``Pipeline`` is a complete renderer
@@ -19,7 +19,7 @@ def dedicated_renderer(asset: Asset, **options: Any) -> Backend:
 
 
 def pipeline_of(asset: Asset) -> Factory:
-    """Return the class that draws the asset's method natively."""
+    """Return the class that renders the asset's method natively."""
     native: Any = role(asset.manifest.method, "native")
     if native is None:
         text = f"{asset.manifest.method} on tier dedicated: its package contains no native renderer"

@@ -15,25 +15,25 @@ from msb.render.backend import Group
 
 
 class DeviceScope:
-    """Gives a renderer memory that is counted separately, and exclusive access to a shared device.
+    """Gives a renderer separately counted memory, and exclusive access to a shared device.
 
     Parameters
     ----------
     device : str or Device, optional
-        A selector as for `msb.cl.shared_device`, which opens one device for the whole process, or a device
-        that the caller has opened.
+        A selector for `msb.cl.shared_device`, which opens one device for the whole process, or a device
+        opened by the caller.
     name : str
         Prefix of the names of scratch buffers.
 
     Attributes
     ----------
     kept : dict of str to Buffer
-        Purpose -> buffer that stays on the device from frame to frame.
+        For each purpose, the buffer that stays on the device from frame to frame.
 
     Notes
     -----
     Queue commands only in a ``with`` block of `turn`, or in a method decorated with `in_turn`. Other threads
-    wait until the block ends, and memory that is allocated in the block belongs to this renderer.
+    wait until the block ends. Memory that is allocated in the block belongs to this renderer.
     """
 
     def __init__(self, device: str | Device | None, name: str) -> None:
@@ -44,7 +44,8 @@ class DeviceScope:
         self._closed = False
 
     def turn(self) -> AbstractContextManager[None]:
-        """Return a context manager with exclusive access to the device; a thread may nest such managers."""
+        """Return a context manager that gives exclusive access to the device. The context managers of one
+        thread may be nested."""
         if self._closed:
             raise DeviceError("DEVICE_CLOSED", f"the renderer was closed (on {self.device.record})")
         return self.device.using(self._memory)
@@ -66,7 +67,7 @@ class DeviceScope:
     def scratch(
         self, name: str, shape: int | tuple[int, ...], dtype: Any = np.float32, group: Group = "scratch"
     ) -> Buffer:
-        """Return a buffer with undefined content whose memory is reused in the next frame."""
+        """Return a buffer with undefined content, whose memory the next frame reuses."""
         return self.device.scratch(f"{self._name} {name}", shape, dtype, group)
 
     def memory(self) -> Mapping[str, int]:
@@ -74,14 +75,15 @@ class DeviceScope:
         return self._memory.by_use()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return the `Group` of each purpose, which was given when its buffer was allocated."""
+        """Return the `Group` of each purpose, as given when its buffer was allocated."""
         return self._memory.groups()
 
     def close(self) -> None:
-        """Release everything that the renderer holds; the device stays open. A second call has no effect."""
+        """Release everything that the renderer holds; the device stays open. A second call of `close` has
+        no effect."""
         with self.device.using(self._memory):
             self._closed = True
-            with contextlib.suppress(DeviceError):  # the device was closed, or has failed
+            with contextlib.suppress(DeviceError):  # the device was closed, or it failed
                 self.device.finish()  # buffers may use memory of the host
             self.kept.clear()
             self._memory.release_all()

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from msb.errors import UsageError, shorten
 
-# Optional parts of a frame, besides image, alpha, depth and visible. They may cost time.
+# Optional parts of a frame, in addition to image, alpha, depth and visible. Optional parts may cost time.
 EXTRAS = ("normal", "depth_median", "face_id", "raw")
 
 
 def parse_outputs(outputs: str | Iterable[str]) -> frozenset[str]:
     """Return the optional parts that `outputs` requests.
 
-    `outputs` has names from `EXTRAS`; "all" or "auto" requests all of them.
+    `outputs` has names from `EXTRAS`; "all" or "auto" requests all optional parts.
     """
     names = EXTRAS if outputs in ("all", "auto") else tuple(outputs)
     for name in names:
@@ -30,7 +30,7 @@ def parse_outputs(outputs: str | Iterable[str]) -> frozenset[str]:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """An image and the quantities computed with it; row 0 is the top row.
+    """An image and the quantities computed with the image; row 0 is the top row.
 
     Parts that the tier or the method does not define are None.
 
@@ -41,21 +41,20 @@ class Frame:
     alpha : (H, W) float32
         Coverage: 1 at opaque surfaces; 1 - transmittance for blended primitives.
     depth : (H, W) float32
-        Depth along the camera's z axis in scene units, 0 in pixels without a face. For opaque surfaces the
-        depth of the visible surface, for blended primitives the expected depth (sum of weight times depth,
-        divided by alpha).
+        Depth along the camera's z axis in scene units, 0 in pixels without a face. For opaque surfaces,
+        this is the depth of the visible surface; for blended primitives, it is the expected depth (sum of
+        weight times depth, divided by alpha).
     face_id : (H, W) int32, optional
         The number of the visible face; -1 in pixels without a face.
     normal : (H, W, 3) float32, optional
         Normals as defined by the method's official kernel.
     depth_median : (H, W) float32, optional
-        The depth of the face that lowers the transmittance below one half; 0 if no face does.
-    visible : (F,) bool, optional
-        Whether each face passed the method's culling.
+        The depth of the face that lowers the transmittance below one half; 0 if no face lowers it so far.
+        visible : (F,) bool, optional Whether each face passed the method's culling.
     raw : mapping of str to ndarray
         Buffers of the official kernel, by their official names.
     timings : mapping of str to float
-        Stage -> milliseconds on the device.
+        Milliseconds on the device for each stage.
     """
 
     image: NDArray[np.float32]

@@ -20,8 +20,8 @@ from msb.scenes import Camera
 
 ImageFormat = Literal["png", "npy", "exr"]
 FILM_SUFFIXES = (".mp4", ".gif")
-# Largest number of frames that wait for a writer. Four frames hide the delays of a slow disk, and more frames
-# would take more memory.
+# Maximum number of frames that wait for a file writer. Four frames hide the delays of a slow disk. More
+# frames would take more memory.
 _QUEUE = 4
 
 
@@ -45,8 +45,8 @@ def write_image(path: Path, array: NDArray[Any], form: ImageFormat, *, overwrite
     check_format(form)
     with new_file(path, overwrite=overwrite) as file:
         if form == "npy":
-            # The bytes go through memory, because NumPy's own file output does not report why a write failed,
-            # for example on a full disk.
+            # The bytes go through memory, because NumPy's own file output does not report why a write
+            # failed (for example, a full disk).
             data = io.BytesIO()
             np.save(data, array, allow_pickle=False)
             file.write(data.getbuffer())
@@ -57,9 +57,9 @@ def write_image(path: Path, array: NDArray[Any], form: ImageFormat, *, overwrite
 
 
 def check_format(form: str) -> None:
-    """Raise an error if the package that writes `form` is not installed. Call it before rendering."""
+    """Raise an error if the package that writes `form` is not installed. Call this check before rendering."""
     if form == "exr":
-        need_extra("bench", "OpenEXR", what="an EXR image", instead="--format npy is as exact")
+        need_extra("bench", "OpenEXR", what="an EXR image", instead="--format npy is equally exact")
 
 
 def _write_png(file: Any, array: NDArray[Any]) -> None:
@@ -67,8 +67,8 @@ def _write_png(file: Any, array: NDArray[Any]) -> None:
 
     if array.ndim != 3:
         raise UsageError("USAGE", "a PNG stores colours only; write depth and face ids as npy or exr")
-    # Level 1 needs a third of the time of the default, and files are a few percent larger. With level 1 the
-    # renderer does not wait for the writers.
+    # Compression level 1 takes a third of the time of the default level, and makes files a few percent
+    # larger. At level 1, writing files does not delay the renderer.
     Image.fromarray(to_bytes(array)).save(file, format="PNG", compress_level=1)
 
 
@@ -85,12 +85,12 @@ def _encode_exr(array: NDArray[Any]) -> bytes:
     else:
         channels = {"RGB": np.ascontiguousarray(array, np.float32)}
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with tempfile.TemporaryDirectory() as folder:  # the library writes to file names only
+    with tempfile.TemporaryDirectory() as folder:  # the OpenEXR library writes to file names only
         name = str(Path(folder) / "image.exr")
         try:
             with OpenEXR.File(header, channels) as file:
                 file.write(name)
-        except RuntimeError as error:  # the library raises only this error, even if the disk is full
+        except RuntimeError as error:  # OpenEXR raises no other error, even for a full disk
             raise OSError(str(error)) from error
         return Path(name).read_bytes()
 
@@ -107,7 +107,7 @@ class Writers:
         self._waiting: list[Future[None]] = []
 
     def submit(self, task: Callable[..., None], *arguments: Any, **named: Any) -> None:
-        """Queue ``task(*arguments, **named)``. If an earlier task failed, raise its error."""
+        """Queue ``task(*arguments, **named)``. If an earlier writing task failed, raise its error."""
         while len(self._waiting) >= _QUEUE:
             self._waiting.pop(0).result()
         self._waiting.append(self._pool.submit(task, *arguments, **named))
@@ -125,8 +125,8 @@ class Writers:
 def write_film(path: Path, frames: Iterable[NDArray[Any]], fps: int, *, overwrite: bool = True) -> None:
     """Write `frames`, (H, W, 3) float images of one size, as a film; the suffix decides the format.
 
-    MP4 is H.264 with 4:2:0 subsampling, which every player supports; odd sizes lose their last row or column.
-    A GIF has 256 colours per frame.
+    MP4 uses H.264 with 4:2:0 subsampling, which every player supports; odd sizes lose their last row or
+    column. A GIF has 256 colours per frame.
     """
     check_film(path)
     with new_file(path, overwrite=overwrite) as file:
@@ -134,7 +134,8 @@ def write_film(path: Path, frames: Iterable[NDArray[Any]], fps: int, *, overwrit
 
 
 def check_film(path: Path) -> None:
-    """Raise an error if this machine cannot write films with this suffix. Call it before rendering."""
+    """Raise an error if this machine cannot write films with this suffix. Call this check before
+    rendering."""
     if path.suffix.lower() not in FILM_SUFFIXES:
         wanted = " or ".join(FILM_SUFFIXES)
         raise UsageError("USAGE", f'the film is called "{path.name}"; its name must end in {wanted}')
@@ -195,10 +196,10 @@ def _write_gif(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:
 
 
 def image_names(views: Sequence[Camera]) -> list[str]:
-    """Return a unique file name for each view: its camera's name.
+    """Return a unique file name for each view, normally the name of its camera.
 
-    The suffix of a name is removed unless two names would then be equal. If names are still equal, the index
-    of the view is added to them.
+    The suffix of a name is removed unless two names would then be equal. If two names are still equal, each
+    name gets the index of its view.
     """
     whole = [view.name or f"{index:05d}" for index, view in enumerate(views)]
     short = [_without_suffix(name) for name in whole]

@@ -8,8 +8,8 @@ from typing import Any
 from msb.base.version import __version__
 from msb.registry import METHODS, package_of
 
-# Keys of a device record that may change between processes and so do not identify the device. PoCL queries
-# the available memory of a CPU when it starts, and virtual machines may change it.
+# Keys of a device record that may change between processes, and so cannot identify the device. PoCL queries
+# the available memory of a CPU when it starts, and a virtual machine may change its memory.
 OF_THE_MOMENT = frozenset({"global_memory", "max_allocation"})
 
 
@@ -21,10 +21,10 @@ def machine(
     Parameters
     ----------
     device : str, optional
-        Selector of the OpenCL device. Its record includes the build options of programs and the SHA-256 of
-        the kernel sources.
+        Selector of the OpenCL device. The device record includes the build options of programs, and the
+        SHA-256 of the kernel sources.
     opencl : bool
-        False if the work used the host only; the record then has no device.
+        False if the work used only the host processor; the record then has no device.
     engine : mapping, optional
         `Renderer.device_info` of another engine, recorded in place of an OpenCL device.
     """

@@ -21,7 +21,7 @@ Source = Annotated[Path, Argument("A .triasset, checkpoint or mesh file.", metav
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 # An axis such as "+z", or a direction "X,Y,Z".
 UpDirection = str
-# How mesh files are placed, for commands that write them.
+# Placement of mesh files, for commands that write mesh files.
 Scale = Annotated[
     float | None,
     Option("Length of the scene's unit in metres. Mesh files are then written in metres.", metavar="X"),
@@ -29,17 +29,16 @@ Scale = Annotated[
 KnownDistance = Annotated[
     tuple[str, str, str] | None,
     Option(
-        "Two points of the scene and the distance between them, such as 0,0,0 0,0,1 1.2m, in place of "
-        "--scale.",
+        "Two points of the scene and the distance between them, such as 0,0,0 0,0,1 1.2m. Replaces --scale.",
         metavar="X,Y,Z X,Y,Z LENGTH",
     ),
 ]
 Floor = Annotated[bool, Option("Put the lowest visible point of the mesh at height 0 in mesh files.")]
-# Where generated views are placed.
+# Placement of generated views.
 ViewKind = Literal["outside", "inside", "both"]
 NO_CAMERAS = "needs --cameras PATH"
-ONLY_GENERATED = "only applies to generated views, without --cameras"
-# Largest width or height of an image in pixels: the limit of common OpenGL drivers.
+ONLY_GENERATED = "applies only to generated views, without --cameras"
+# Maximum width or height of an image in pixels: the limit of common OpenGL drivers.
 MOST_PIXELS = 16384
 Split = Literal["train", "test", "all"]
 Tier = Literal["reference", "dedicated", "standard"]
@@ -55,12 +54,12 @@ class ViewOptions:
     ] = None
     camera: Annotated[
         tuple[str, ...],
-        Option("Draw this camera only. May be given again. Default: all.", metavar="NAME|INDEX|all"),
+        Option("Draw only this camera. May be given again. Default: all cameras.", metavar="NAME|INDEX|all"),
     ] = ()
     size: Annotated[
         str | None,
         Option(
-            "Size of the images in pixels, or a factor of the cameras' size.",
+            "Size of the images in pixels, or a factor for the size of the cameras.",
             ("--size", "--scale"),
             metavar="WxH|FACTOR",
         ),
@@ -68,8 +67,8 @@ class ViewOptions:
     background: Annotated[
         str | None,
         Option(
-            "black, white, #rrggbb, r,g,b in 0..1, or official. Default: official; if the asset records "
-            "none, the background of its method, else black.",
+            "black, white, #rrggbb, r,g,b in 0..1, or official. Default: official, the background that the "
+            "asset records; otherwise the background of its method, or black.",
             metavar="COLOR",
         ),
     ] = None
@@ -77,20 +76,20 @@ class ViewOptions:
         ViewKind | None,
         Option(
             "Without --cameras: generate views around the model, inside it, or both. Default: the training "
-            "cameras, else the views that see more of the model.",
+            "cameras, otherwise the views that show more of the model.",
             ("--views",),
         ),
     ] = None
 
     def read(self, note: Callable[[str], None]) -> list[Camera]:
-        """Return the requested cameras; call `note` if they are far larger than the photographs."""
+        """Return the requested cameras; call `note` if their images are far larger than the photographs."""
         from msb.scenes import read_cameras
         from msb.scenes.datasets import note_recorded_size
 
         cameras = read_cameras(str(self.cameras))
         models = sorted({camera.distortion.model for camera in cameras if camera.distortion is not None})
         if models:
-            left_out = f"lens distortion ({', '.join(models)}) is left out; images show the pinhole part"
+            left_out = f"lens distortion ({', '.join(models)}) is ignored; images use the pinhole part"
             note(f"{self.cameras}: {left_out}")
         if self.size is None and (text := note_recorded_size(str(self.cameras), cameras)) is not None:
             note(f"{self.cameras}: {text}")
@@ -109,8 +108,8 @@ class ViewOptions:
     def of_scene(self, scene: Scene) -> tuple[Split, list[Camera]]:
         """Return the split and the requested cameras of a scene; the default is the test views.
 
-        ``train`` selects the training views, ``all`` the training and then the test views. A camera's number
-        counts the test views first, then the training views.
+        ``train`` selects the training views, ``all`` the training and then the test views. Camera numbers
+        count the test views first, then the training views.
         """
         train, test = list(scene.train), list(scene.test)
         words = set(self.camera)
@@ -131,7 +130,7 @@ class ViewOptions:
 
     @property
     def _sides(self) -> tuple[int, int] | None:
-        """The requested width and height in pixels; None if --size is a factor."""
+        """The requested width and height in pixels, or None if --size is a factor."""
         from msb.scenes.checks import MAX_SIDE
 
         size = parse_size(str(self.size))
@@ -166,13 +165,13 @@ class ViewOptions:
 
 @dataclass(frozen=True)
 class SceneOptions:
-    """How the scene of --scene is read."""
+    """Options that define how the scene of --scene is read."""
 
     dataset: Annotated[
         str | None,
         Option(
-            "mipnerf360, tanksandtemples, nerf_synthetic, dtu, or any other name for a capture without their "
-            "rules. Default: recognised by folders and photographs.",
+            "mipnerf360, tanksandtemples, nerf_synthetic, dtu, or another name for other captures. "
+            "Default: recognised by folders and photographs.",
             metavar="NAME",
         ),
     ] = None
@@ -182,24 +181,27 @@ class SceneOptions:
     resolution: Annotated[
         int | None,
         Option(
-            "1, 2, 4, 8: divide the size by it; -1: keep it; else: width in pixels.", ("--resolution", "-r")
+            "1, 2, 4, 8: divide the image size by this number; -1: keep the size; other values: width in "
+            "pixels.",
+            ("--resolution", "-r"),
         ),
     ] = None
     camera_convention: Annotated[
         Literal["gs_fov", "full_K"] | None,
         Option(
-            "full_K: recorded principal point; gs_fov: in the middle of the image. Default: that of the "
-            "method's training."
+            "full_K: recorded principal point; gs_fov: principal point in the middle of the image. "
+            "Default: the mode of the method's training."
         ),
     ] = None
 
     @property
     def given(self) -> dict[str, Any]:
-        """The options that were given, as arguments of `scene_of`."""
+        """The given options as arguments of `scene_of`."""
         return {key: value for key, value in vars(self).items() if value is not None}
 
     def read(self, asset: Asset, path: Path, note: Callable[[str], None]) -> Scene:
-        """Return a scene as `msb run` evaluates the asset on it; call `note` with each of its warnings."""
+        """Return a scene with the settings of `msb run` for the asset. Call `note` with each warning of the
+        scene."""
         from msb.scenes.datasets import note_scaled_cameras, scene_of
 
         scene = scene_of(asset.manifest, path, **self.given)
@@ -210,7 +212,7 @@ class SceneOptions:
         return scene
 
 
-# Names of these options, which need a scene.
+# Names of the options that need a scene.
 SCENE_OPTIONS = tuple(SceneOptions.__dataclass_fields__)
 NO_SCENE = "needs --scene DIR"
 
@@ -221,7 +223,7 @@ class RendererOptions:
 
     assignments: Annotated[
         tuple[str, ...],
-        Option("Override a setting; msb methods lists them.", ("--set",), metavar="NAME=VALUE"),
+        Option("Override a setting; msb methods lists the settings.", ("--set",), metavar="NAME=VALUE"),
     ] = ()
     supersample: Annotated[
         int, Option("Samples along each side of a pixel (standard tier).", least=1, most=16)
@@ -232,15 +234,15 @@ class RendererOptions:
     ] = None
     sampling: Annotated[
         Literal["official", "engine"] | None,
-        Option("Sample like the official code or like graphics hardware (dedicated tier)."),
+        Option("Sample as in the official code, or as in graphics hardware (dedicated tier)."),
     ] = None
     renderer: Annotated[
-        str | None, Option("Use this renderer; msb devices lists them. Default: built-in.", metavar="NAME")
+        str | None, Option("Use this renderer; msb devices lists all. Default: built-in.", metavar="NAME")
     ] = None
     device: Annotated[
         str | None,
         Option(
-            "OpenCL device; msb devices lists them. Default: MSB_DEVICE, PYOPENCL_CTX, or PoCL. "
+            "OpenCL device; msb devices lists the devices. Default: MSB_DEVICE, PYOPENCL_CTX, or PoCL. "
             "Other engines (wgpu, three.js, Blender) accept cpu or gpu.",
             metavar="cpu|gpu|PLATFORM:INDEX",
         ),
@@ -261,18 +263,18 @@ class RendererOptions:
 
     @property
     def modes(self) -> dict[str, str]:
-        """The modes that the user gave.
+        """The values of --order and --sampling that differ from the defaults.
 
-        Default modes are left out, because some renderers reject even official modes.
+        Default values are omitted, because some renderers have no such options.
         """
         modes = {"order": self.order, "sampling": self.sampling}
         return {name: value for name, value in modes.items() if value is not None}
 
 
 def parse_color_option(text: str, official: str | None = None) -> tuple[float, float, float]:
-    """Return the colour of --background; the text "official" stands for the colour `official`.
+    """Return the colour of --background. For the text "official", return the colour `official`.
 
-    If `official` is not a colour, it is the reason why the asset has none.
+    If `official` is not a colour, it is the reason why the asset has no official background.
     """
     from msb.scenes.colors import parse_color
 
@@ -286,7 +288,7 @@ def parse_color_option(text: str, official: str | None = None) -> tuple[float, f
 
 
 def _find(cameras: list[Camera], name: str) -> Camera:
-    """Return the camera with this name, else the camera with this number."""
+    """Return the camera with this name, otherwise the camera with this number."""
     named = [(camera, normal_form(camera.name)) for camera in cameras if camera.name]
     wanted = normal_form(name)
     matches = [camera for camera, known in named if known == wanted]
@@ -309,18 +311,18 @@ def _stem(name: str) -> str:
 
 
 def parse_size(text: str) -> tuple[int, int] | None:
-    """Return width and height in pixels of a text like 1237x822; None for any other text."""
+    """Return width and height in pixels of a text like 1237x822, or None for any other text."""
     match = re.fullmatch(r"\s*([1-9]\d{0,5})[x,]([1-9]\d{0,5})\s*", text, re.IGNORECASE)
     return None if match is None else (int(match[1]), int(match[2]))
 
 
 def check_factor(factor: float) -> None:
-    """Raise an error if a scale factor of image sizes is out of range."""
+    """Raise an error if a scale factor for image sizes is out of range."""
     if not 0 < factor <= MOST_PIXELS:
         text = f"--scale is {factor:g}; the factor must be above 0 and at most {MOST_PIXELS}"
         raise UsageError("USAGE", text)
 
 
 def not_a_size(text: str, more: str = "") -> UsageError:
-    """Return the error about an invalid --size; `more` lists further accepted forms."""
+    """Return the error for an invalid --size; `more` lists further accepted forms."""
     return UsageError("USAGE", f'--size is "{shorten(text, 40)}"; write it as 1237x822{more}')

@@ -1,4 +1,4 @@
-"""Render an asset from a camera, on any tier."""
+"""Render an asset from a camera on any renderer tier."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -22,19 +22,19 @@ Background = Sequence[float] | str
 
 
 class Renderer:
-    """An asset on one tier, ready to be rendered many times; constant data stay on the device.
+    """An asset on one renderer tier, ready to be rendered many times; constant data stay on the device.
 
     Parameters
     ----------
     asset : Asset or path-like
         The asset, or a path that `msb.open` can read.
     tier : {"standard", "dedicated", "reference"}
-        "standard" draws an ordinary opaque mesh, as every engine can (docs/standard.md). "dedicated" is
-        native rendering, with the method's own image formation, in OpenCL (docs/dedicated.md). "reference"
-        is native rendering in NumPy, which is slow (docs/reference.md).
+        "standard" draws an ordinary opaque mesh, like every engine (docs/standard.md). "dedicated" is
+        native rendering in OpenCL, by the image formation of the method (docs/dedicated.md). "reference" is
+        native rendering in NumPy, which is slow (docs/reference.md).
     device : str or Device, optional
-        Where to compute: "cpu", "gpu" or "PLATFORM:INDEX". The default is MSB_DEVICE, else the first usable
-        device. Other engines accept "cpu" or "gpu", and choose a device by default.
+        Where to compute: "cpu", "gpu" or "PLATFORM:INDEX". The default device is MSB_DEVICE, otherwise the
+        first usable device. Other engines accept "cpu" or "gpu", and choose a device by default.
     settings : mapping, optional
         Overrides of the settings that the asset stores; `msb methods` lists the settings.
     name : str, optional
@@ -47,9 +47,9 @@ class Renderer:
     Raises
     ------
     Unsupported
-        The method does not support this tier, or the renderer does not have the option.
+        The method does not support this tier, or the renderer lacks the option.
     UsageError
-        An unknown tier, renderer or setting, or an argument of the wrong type.
+        A tier, renderer or setting is unknown, or an argument has the wrong type.
     AssetError
         The asset's values cannot be drawn: an index is out of range, or a coordinate is not finite.
     InputError, CheckpointError, MeshFileError, MeshError
@@ -104,20 +104,21 @@ class Renderer:
 
     @property
     def device_info(self) -> Mapping[str, str] | None:
-        """The `platform`, `name` and `kind` of the drawing device if it does not use OpenCL, else None."""
+        """The `platform`, `name` and `kind` of the drawing device if it does not use OpenCL, otherwise
+        None."""
         return getattr(self._backend, "device_info", None)
 
     def render(self, camera: Camera, background: Background | None = None) -> Frame:
-        """Return the frame that `camera` sees, over `background`.
+        """Return the image of `camera` over `background`, as a frame.
 
         Parameters
         ----------
         camera : Camera
         background : (3,) array_like of float, or str, optional
-            Red, green and blue in the asset's colour space, all finite. Or a text as on the command line:
-            "black", "white", "#rrggbb", "r,g,b" in 0..1, or "official", the background that the asset
-            records. The default is "official". If the asset records none, it is the background of its method,
-            which is black for meshes.
+            Red, green and blue in the asset's colour space, all finite. A text has the form of the command
+            line: "black", "white", "#rrggbb", "r,g,b" in 0..1, or "official", the background that the asset
+            records. The default background is "official". The method's background is used if the asset
+            records none; meshes have a black background.
 
         Raises
         ------
@@ -131,15 +132,16 @@ class Renderer:
         with attribute_errors(self._by):
             frame = self._backend.render(*checked)
             if not isinstance(frame, Frame):
-                # Renderers that do not import this package return an object with the same attributes.
+                # A renderer that does not import msb may return any object with the attributes of `Frame`.
                 names = (item.name for item in fields(Frame))
                 frame = Frame(**{name: getattr(frame, name) for name in names if hasattr(frame, name)})
             return camera.in_world(frame)
 
     def draw(self, camera: Camera, background: Background | None = None) -> DrawTime:
-        """Render without reading the frame back, wait until it is complete, and return the time it took.
+        """Render without reading the frame back, wait until it is complete, and return the duration.
 
-        A renderer that cannot do this reads the frame back. Parameters and errors are those of `render`.
+        If the renderer has no method `draw`, the frame is read back and discarded. Parameters and errors are
+        those of `render`.
         """
         if not hasattr(self._backend, "draw"):
             stages = self.render(camera, background).timings
@@ -156,12 +158,13 @@ class Renderer:
         return seen, check_background(background, self._official)
 
     def memory(self) -> Mapping[str, int]:
-        """Return the bytes on the device by purpose."""
+        """Return the bytes of device memory by purpose."""
         with attribute_errors(self._by):
             return self._backend.memory()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return "geometry", "appearance", "scratch" or "targets" for each purpose; others are scratch."""
+        """Return "geometry", "appearance", "scratch" or "targets" for each purpose; all other purposes are
+        scratch."""
         with attribute_errors(self._by):
             groups: Mapping[str, str] = getattr(self._backend, "memory_groups", dict)()
             return groups
@@ -174,7 +177,7 @@ class Renderer:
 
     def __repr__(self) -> str:
         words = [self._drawn]
-        with suppress(Exception):  # a renderer of another package can raise anything
+        with suppress(Exception):  # a renderer of another package can raise any exception
             words.append(f"by {self.name}")
             info = self.device_info
             words += [] if info is None else [f"on {info['name']}"]
@@ -197,9 +200,9 @@ def render(
     device: Any = None,
     **options: Any,
 ) -> Frame:
-    """Render an asset once, as one camera sees it.
+    """Render an asset once from a camera.
 
-    For several frames use `Renderer`, which keeps the asset on the device and is faster.
+    For several frames use `Renderer`. `Renderer` keeps the asset on the device, and is faster.
 
     Parameters
     ----------
@@ -209,9 +212,8 @@ def render(
     tier : {"standard", "dedicated", "reference"}
         An ordinary opaque mesh, native rendering in OpenCL, or native rendering in NumPy.
     background : (3,) array_like of float, or str, optional
-        Red, green and blue, or a text such as "white". Values and default as in `Renderer.render`.
-    settings : mapping, optional
-        Overrides of the asset's settings.
+        Red, green and blue, or a text such as "white". Values and default are those of `Renderer.render`.
+        settings : mapping, optional Overrides of the asset's settings.
     device : str, optional
         The OpenCL device, such as "cpu" or "gpu".
     **options
@@ -220,7 +222,7 @@ def render(
     Returns
     -------
     Frame
-        `image`, `alpha`, `depth` and more.
+        The fields `image`, `alpha`, `depth` and others.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """The contribution of each face to the images of given cameras, computed in OpenCL.
 
-`ReferenceFrame.contribution` (`msb.reference`) is the readable NumPy version; it counts samples, but this
-module counts pixels.
+`ReferenceFrame.contribution` (`msb.reference`) is the readable NumPy version. The NumPy version counts
+samples; this module counts pixels.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -35,19 +35,20 @@ def shares_by_view(
     Parameters
     ----------
     views : iterable of (Camera, picture)
-        `picture` (H, W, 3) float32, finite, is an image of the view whose colours are summed; or None.
+        `picture` is an image of the view whose colours are summed, (H, W, 3) float32 and finite, or None.
 
     Yields
     ------
     (F, 4) or, without a picture, (F, 1) float64, or None
-        The last column is the weight in pixels: for blended faces the sum of alpha times transmittance, for
-        opaque faces the number of pixels that show the face. The columns before it are the sums of the
-        picture's red, green and blue with the same weights. None if the renderer of a foreign package does
-        not report face ids.
+        The last column is the weight of each face in pixels. The weight of a blended face is the sum of alpha
+        times transmittance. The weight of an opaque face is the number of pixels that show the face. The
+        first three columns are the sums of the picture's red, green and blue with these weights. If a
+        renderer of another package reports no face ids, None is yielded.
 
     Raises
     ------
-    the errors of `msb.Renderer`
+    Exception
+        The errors of `msb.Renderer`.
     """
     if tier == "dedicated" and pipeline_of(asset) is SplattingPipeline:
         with closing(SplattingPipeline(asset, device=device, settings=settings, outputs=())) as pipeline:
@@ -61,7 +62,8 @@ def shares_by_view(
 
 
 def _sum_by_face(faces: NDArray[np.int32], picture: Picture | None, count: int) -> NDArray[np.float64]:
-    """Return the sum of colours and the number of pixels of each face; `faces` (H, W) is -1 at background."""
+    """Return the sum of colours and the number of pixels for each face. `faces` (H, W) is -1 at the
+    background."""
     seen = faces >= 0
     numbers = faces[seen]
     colors = () if picture is None else picture[seen].T

@@ -1,4 +1,4 @@
-"""The model that a z-buffer pipeline draws: opaque triangles with feature lattices, and their decoder.
+"""The model that a z-buffer pipeline draws: opaque triangles with feature lattices and a decoder.
 
 The module `native` of a method has a function ``surface_model(asset, settings)`` that returns a `Surface`.
 """
@@ -15,7 +15,7 @@ from msb.scenes import Camera
 
 @dataclass(frozen=True)
 class Surface:
-    """A model whose faces are drawn at the samples where their opacity reaches a threshold.
+    """A model whose faces are drawn at samples where their opacity reaches a threshold.
 
     Attributes
     ----------
@@ -35,9 +35,9 @@ class Surface:
     near, far : float
         The planes of the projection, in scene units.
     projection : callable
-        Camera -> the (4, 4) float32 matrix from the world to clip coordinates.
+        Function that returns the (4, 4) float32 matrix from world to clip coordinates for a camera.
     method_values : mapping of str to numpy.float32, numpy.int32 or numpy.uint32
-        Values of the method's settings for the WGSL: the members of ``view.own`` by name.
+        Values of the method's settings for the WGSL: the members of ``view.own``, by name.
     """
 
     program: str

@@ -1,4 +1,7 @@
-"""Repair assets and meshes. An asset keeps its manifest; its buffers are adapted to the repaired mesh."""
+"""Repair assets and meshes.
+
+An asset keeps its manifest. The buffers of the asset are adapted to the repaired mesh.
+"""
 
 from __future__ import annotations
 
@@ -31,20 +34,20 @@ from msb.topology.steps.change import with_faces
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Repaired(Outcome):
-    """A repaired asset, and how it differs from the original. The original is not changed.
+    """A repaired asset, and its differences from the original. The original asset is not changed.
 
     Attributes
     ----------
     asset : Asset
-        The repaired asset, in memory. It has the same method, unless `weld` merged a triangle soup.
+        The repaired asset, in memory. The method is unchanged, unless `weld` merged a triangle soup.
     vertex_map, face_map : (V',), (F',) int64
-        The original row of each vertex and face; -1 for added ones.
+        The original row of each vertex and face; -1 for added vertices and faces.
     turned : (F',) bool
         Whether the second and third corner of each face were swapped.
     cut_edges : (n, 2) int64
         The original edges that became several edges, as pairs of original vertices.
     plan, steps : tuple of str, tuple of Step
-        The requested steps, and the steps done. The plan is repeated until nothing changes.
+        The requested steps, and the finished steps. The plan is repeated until nothing changes.
     before, after : Audit
         The audits of the original and the repaired mesh.
     left : tuple of str
@@ -73,21 +76,21 @@ def repair(
 ) -> Repaired:
     """Return a repaired copy of an asset that keeps the data of its vertices and faces.
 
-    The default plan, "orient,pair", changes nothing visible. It turns faces to a consistent winding, and cuts
-    edges of more than two faces. At a cut edge, the pairs of faces that are closest to flat stay connected.
-    docs/repair.md explains each step and its guarantees.
+    The default plan, "orient,pair", changes nothing visible. The default plan turns faces to a consistent
+    winding, and cuts edges of more than two faces. At a cut edge, the pairs of faces that are closest to flat
+    stay connected. The steps and their guarantees are explained in docs/repair.md.
 
     Parameters
     ----------
     asset : Asset or path-like
-        The asset, or a path that `msb.open` accepts. It is not changed.
+        The asset, or a path that `msb.open` accepts. The asset is not changed.
     plan : sequence of str, or str, optional
         The steps in order, as a sequence or separated by commas: "orient", "pair", "cut", "drop", "weld",
-        "debris", "close", "dedupe", "outward". They are repeated until nothing changes. A step may have
+        "debris", "close", "dedupe", "outward". The steps are repeated until nothing changes. A step may have
         numbers: "weld:0.01,orient,pair".
     weights : (F,) non-negative numbers, optional
         The importance of each face for `debris` and `drop`, such as the number of pixels that it covers in
-        images. Default: its area.
+        images. Default: the face's area.
     **options
         Other fields of `msb.repair.Options`, such as ``debris_faces=20``.
 
@@ -120,7 +123,7 @@ def repair(
 
 
 def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = None) -> Repaired:
-    """Repair an asset with validated options; see `repair`."""
+    """Repair an asset with validated options. See `repair`."""
     plan = options.plan
     with about(asset.path):
         # If the plan welds a triangle soup, convert it to a standard-tier mesh first.
@@ -160,7 +163,10 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
 
 
 def _find_positions(asset: Asset, done: Outcome) -> NDArray[np.float32]:
-    """Return the positions of a repaired asset relative to its origin. Kept vertices keep all their bits."""
+    """Return the positions of a repaired asset relative to its origin.
+
+    Positions of kept vertices stay identical in all bits.
+    """
     positions = to_local(done.buffers["positions"], asset.manifest.origin)
     if not any(asset.manifest.origin):
         return positions
@@ -172,8 +178,8 @@ def _find_positions(asset: Asset, done: Outcome) -> NDArray[np.float32]:
 def repair_mesh(mesh: Mesh, options: Options) -> tuple[Mesh, Outcome]:
     """Return the repaired mesh, in the precision of `mesh`, and the outcome of the repair."""
     check_indices(mesh)
-    # `carry` decides by the name of a buffer how it is changed. Face colours get the name "f_dc", because
-    # vertex colours have the name "color".
+    # `carry` uses the name of a buffer to decide how to change it. Face colours get the name "f_dc", because
+    # vertex colours already have the name "color".
     by_corner = mesh.corner_uvs is not None
     arrays: tuple[tuple[str, NDArray[Any] | None, Domain], ...] = (
         ("color", mesh.vertex_colors, "vertex"),
@@ -186,7 +192,7 @@ def repair_mesh(mesh: Mesh, options: Options) -> tuple[Mesh, Outcome]:
     domains = {name: domain for name, values, domain in arrays if values is not None}
     buffers = {name: values for name, values, _ in arrays if values is not None}
     done = run_plan({"positions": mesh.vertices, "indices": mesh.faces, **buffers}, domains, options)
-    # A repair may move colours and UVs to corners.
+    # A repair may convert colours and UVs to corner data.
     moved = {(name, done.domains[name]): done.buffers[name] for name in domains if name != SEAM_KEY}
     repaired = replace(
         mesh,
@@ -211,10 +217,10 @@ def _welds_soup(asset: Asset, plan: tuple[str, ...]) -> bool:
 
 
 def _convert_to_mesh(asset: Asset) -> tuple[Asset, Change | None]:
-    """Return a soup as an asset of method "mesh" with its standard-tier colours.
+    """Return a triangle soup as an asset of method "mesh" with its standard-tier colours.
 
-    The second value is the change that removes the faces below the STE threshold, or None if there is no
-    threshold.
+    The second value is the change that removes faces below the STE opacity threshold. The change is None
+    without a threshold.
     """
     if why := refusal(asset.manifest, "standard"):
         raise Unsupported("UNSUPPORTED_TIER", f"weld needs static colours to merge a triangle soup; {why}")

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 # Face buffers whose values do not depend on the order of the corners.
 _ORDER_FREE = {"color", "f_dc", "f_rest", "opacity", "sigma", "face_texture"}
-# Corner buffers that can be interpolated along an edge to get values for added faces.
+# Corner buffers that can be interpolated along an edge for added faces.
 _INTERPOLATED = {"uv", "color"}
-# DiffSoup's samples on a barycentric lattice. They are permuted when a face is turned.
+# DiffSoup's samples on a barycentric lattice. Lattice samples are permuted when a face is turned.
 _LATTICES = {"features.lattice", "features.opacity"}
 
 
@@ -29,12 +29,13 @@ def carry(
 ) -> dict[str, NDArray[Any]]:
     """Return the buffers of the changed mesh.
 
-    Rows that the change keeps are copied unchanged. A new vertex gets the average over its rim, the vertices
-    around it (`Rims`). An added face gets the values of an adjacent face. It shares two corners with that
-    face, and they get the same values. The third corner gets their average.
+    Rows of unchanged vertices and faces are copied. A new vertex gets the average over its rim, which
+    consists of the surrounding vertices (`Rims`). An added face gets the values of an adjacent face. The
+    added face shares two corners with the adjacent face, and copies their values. The third corner of an
+    added face gets the average of the two shared corners.
 
-    `domains` gives the domain of each buffer: "vertex", "face", "corner" or "global". `level` is the level of
-    DiffSoup's lattice, if there is one.
+    The argument `domains` gives the domain of each buffer: "vertex", "face", "corner" or "global". The
+    argument `level` is the level of DiffSoup's lattice, if the mesh has one.
     """
     known = {**domains, "positions": "vertex", "indices": "face"}
     return {
@@ -78,11 +79,11 @@ def _carry_faces(name: str, array: NDArray[Any], change: Change, level: int | No
 
 
 def _carry_corners(name: str, array: NDArray[Any], change: Change, faces: NDArray[Any]) -> NDArray[Any]:
-    """Return a corner buffer of the changed mesh; `faces` (F, 3) are the faces before the change.
+    """Return a corner buffer of the changed mesh.
 
-    The values of an added face are interpolated on the edge that it shares with the adjacent face. The values
-    of its third vertex cannot be used. They may belong to another chart, and textures are undefined between
-    charts.
+    The argument `faces` (F, 3) has the faces before the change. Values of an added face are interpolated on
+    the edge shared with the adjacent face. The third vertex of the added face cannot supply values. The
+    values of the third vertex may belong to another UV chart.
     """
     added = len(change.added_from)
     kept = array[change.corner_map[: 3 * (len(change.faces) - added)]]
@@ -90,10 +91,11 @@ def _carry_corners(name: str, array: NDArray[Any], change: Change, faces: NDArra
         return np.asarray(kept)
     if name not in _INTERPOLATED:
         _reject(name, "corner values that cannot be interpolated", "added")
-    # same (n, 3, 3): whether corner i of the added face equals corner j of the adjacent face.
+    # `same` (n, 3, 3) compares the corners of an added face with the corners of the adjacent face. A value is
+    # true if both corners have the same vertex.
     old_vertices = change.vertex_map[change.faces[-added:]]
     same = old_vertices[:, :, None] == faces[change.added_from].astype(np.int64)[:, None]
-    # Copy the values of shared corners, and average them for the remaining corner.
+    # Copy the values of shared corners, and use their average for the remaining corner.
     values = array.reshape(len(faces), 3, -1)[change.added_from].astype(np.float64)
     values = np.take_along_axis(values, same.argmax(axis=2)[:, :, None], axis=1)
     shared = same.any(axis=2, keepdims=True)
@@ -104,9 +106,9 @@ def _carry_corners(name: str, array: NDArray[Any], change: Change, faces: NDArra
 def build_lattice_permutation(sides: int) -> NDArray[np.intp]:
     """Return the permutation of lattice samples for swapping the second and third corner of a face.
 
-    Sample ``s (s + 1) / 2 + y`` has the barycentric coordinates b0 = (s - y) / n, b1 = y / n and
-    b2 = (n - s) / n, where n is `sides`. After the swap, the sample has the value of the old sample at (b0,
-    b2, b1). The numbers of the old sample are y' = n - s and s' = n - y.
+    Sample ``s (s + 1) / 2 + y`` has the barycentric coordinates b0 = (s - y) / n, b1 = y / n and b2 = (n - s)
+    / n, where n is `sides`. After the swap, each sample has the value of the old sample at (b0, b2, b1). The
+    old sample has y' = n - s and s' = n - y in the order of the samples.
     """
     s, y = np.tril_indices(sides + 1)
     s, y = sides - y, sides - s
@@ -116,7 +118,7 @@ def build_lattice_permutation(sides: int) -> NDArray[np.intp]:
 def _average_rims(name: str, array: NDArray[Any], rims: Rims) -> NDArray[Any]:
     """Return the average over each rim.
 
-    If it is not finite (infinite opacities), return the first value of the rim.
+    If the average is not finite, for example for infinite opacities, the first value of the rim is returned.
     """
     if array.dtype.kind != "f" and array.dtype != np.uint8:
         _reject(name, f"{array.dtype} vertex values that cannot be averaged", "added")
@@ -134,7 +136,9 @@ def _convert_type(means: NDArray[np.float64], dtype: np.dtype[Any]) -> NDArray[A
 
 
 def _reject(name: str, content: str, change: str) -> NoReturn:
-    """Raise UNSUPPORTED_REPAIR, because a buffer has no defined values for "turned" or "added" faces."""
+    """Raise UNSUPPORTED_REPAIR, because the values of a buffer are undefined for faces that are `change`
+    ("turned" or "added").
+    """
     step = "orient" if change == "turned" else "close"
     text = f"buffer {name} has {content}, which are undefined for {change} faces; omit {step} from the plan"
     raise Unsupported("UNSUPPORTED_REPAIR", text, pointer=name)

@@ -1,7 +1,8 @@
-"""`msb repair`: make a mesh manifold and consistently wound, or compare ways to do so."""
+"""`msb repair`: make a mesh manifold and consistently wound, or compare repair plans."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
@@ -30,13 +31,17 @@ if TYPE_CHECKING:
     from msb.trial.repairs import StrategyResult, TierLikeness
     from msb.trial.run import Trial
 
+MIN_FACES_KEPT = 0.9  # share; a repair that removes more faces is recommended only if the images stay alike
+MIN_LIKENESS = 40.0  # dB of the repaired mesh to the stored mesh; differences above are hard to see
+
 
 @dataclass(frozen=True)
 class RepairOptions:
     """The options of `msb repair`."""
 
     out: Annotated[
-        Path | None, Option("Write to FILE, like OUT.", ("--out", "-o"), metavar="FILE", output="own")
+        Path | None,
+        Option("Write the mesh to FILE, instead of OUT.", ("--out", "-o"), metavar="FILE", output="own"),
     ] = None
     plan: Annotated[
         str | None,
@@ -50,7 +55,7 @@ class RepairOptions:
     tasks: Annotated[
         tuple[str, ...],
         Option(
-            "With --compare: try this task of msb trial on every result (none: no task). May be repeated. "
+            "With --compare: run this task of msb trial on every result (none: no task). May be repeated. "
             "Default: uv, decimate_50, subdivide, boolean, solid.",
             ("--task",),
             metavar="TASK",
@@ -90,12 +95,12 @@ def repair(
 ) -> int:
     """Repair a mesh and keep the data of its vertices and faces. ASSET is not changed.
 
-    The default plan changes nothing visible. It turns faces to a consistent winding, and cuts edges of more
-    than two faces. At a cut edge, the pairs of faces that are closest to flat stay connected. A .triasset
-    keeps its method.
+    The default plan does not change the appearance of the model. The default plan turns faces to a consistent
+    winding, and cuts edges of more than two faces. At a cut edge, the pairs of faces that are closest to flat
+    stay connected. A .triasset file keeps its method.
 
-    With --compare, no mesh is written. A table then shows for each plan the remaining faces, the image
-    quality and the tasks that work.
+    With --compare, no mesh is written. With --compare, a table shows the remaining faces, the image quality
+    and the working tasks of each plan.
     """
     from msb.repair.plan import parse_plan
 
@@ -123,7 +128,7 @@ def repair(
 
 
 class _Repair:
-    """One run of the command. The output path is checked before anything is read."""
+    """One run of the command msb repair. The output path is checked before any input is read."""
 
     def __init__(
         self,
@@ -148,7 +153,7 @@ class _Repair:
         self.in_file_precision = not self.to_asset and is_mesh_file(source) and views.cameras is None
 
     def run(self, maps: Path | None) -> Audit:
-        """Repair, write and print; return the audit of the written file."""
+        """Repair, write and print. Return the audit of the written file."""
         from msb.meshes.losses import explain_split
         from msb.repair.run import list_defects
 
@@ -164,9 +169,9 @@ class _Repair:
 
     @contextmanager
     def write_maps(self, done: Repaired | Outcome, maps: Path | None) -> Iterator[None]:
-        """Write the maps to a temporary file, and move it into place after the block has written OUT.
+        """Write the maps to a temporary file. Move the file into place after the block has written OUT.
 
-        So either both files are written or neither.
+        Either both files or neither file are written.
         """
         from msb.base.atomic import is_stream, new_file
         from msb.base.npz import write_npz
@@ -176,15 +181,15 @@ class _Repair:
                 file = stack.enter_context(new_file(maps, overwrite=self.output.force))
                 arrays = {"vertex": done.vertex_map, "face": done.face_map, "turned": done.turned}
                 write_npz(file, arrays)
-                file.flush()  # a full disk is detected here
-                if is_stream(maps):  # closing writes the stream, which may fail: do it before OUT is written
+                file.flush()  # This call detects a full disk.
+                if is_stream(maps):  # Closing the stream may fail, so close it before OUT is written.
                     stack.close()
             yield
 
     def repair_asset(self) -> tuple[Asset | Mesh, Repaired, Sequence[str]]:
         """Repair an asset. Return the asset, or its standard-tier mesh if OUT is a mesh file.
 
-        The third value lists the parts of the asset that the mesh cannot hold.
+        The third value lists the parts of the asset that the mesh file cannot store.
         """
         from msb.api.command_files import open_asset
         from msb.meshes.assets import mesh_from_asset
@@ -215,7 +220,7 @@ class _Repair:
     def repair_mesh(self) -> tuple[Mesh, Outcome, Sequence[str]]:
         """Repair a mesh file in the precision of its coordinates.
 
-        The third value lists the parts that were not read.
+        The third value lists the parts of the file that were not read.
         """
         from msb.meshes import read_mesh
         from msb.repair.assets import repair_mesh
@@ -228,8 +233,8 @@ class _Repair:
     def write(self, repaired: Asset | Mesh, after: Audit, left_out: Sequence[str]) -> Audit:
         """Write the repaired asset or mesh, and return the audit of the file.
 
-        `after` is the audit of the repaired mesh. `left_out` lists the parts of the input that this mesh
-        already lacks.
+        The argument `after` is the audit of the repaired mesh. The argument `left_out` lists the parts of the
+        input that the repaired mesh does not contain.
         """
         from msb.api.command_files import write_mesh_files
         from msb.asset import Asset
@@ -270,8 +275,7 @@ class _Repair:
     def show(self, done: Repaired | Outcome, after: Audit, left: list[str], *, splits: bool) -> None:
         """Print the verdict and, unless --quiet, the steps, the remaining defects and the next command.
 
-        `splits` is true if the faces of the repaired mesh share vertices, but the file format stores them
-        separately.
+        The argument `splits` is true if the file format stores shared vertices of the faces separately.
         """
         from msb.api.auditing import next_command
         from msb.repair.plan import parse_plan
@@ -298,7 +302,7 @@ class _Repair:
         echo(f"Remaining defects: {', '.join(left) or 'none'}")
         source, target = shell_word(source), shell_word(target)
         echo(f"To see the changes: msb view {source} --repaired {target}")
-        # The last line names the remaining defects. Running the same plan again would change nothing.
+        # The last line names the remaining defects. Running the same plan again would not change the mesh.
         plan = judge(after).plan
         if plan not in ("", "bake") and self.plan.covers(parse_plan(plan)):
             plan = "bake"
@@ -314,7 +318,7 @@ def _note_turned(asset: Asset, done: Repaired, output: Output) -> None:
     if turned:
         stored = asset.manifest.settings.get("back_culling")
         culls = "; this asset has back_culling on" if stored is not None and stored.value else ""
-        text = "with back-face culling they are visible from the other side"
+        text = "with back-face culling, turned faces are visible from the other side"
         output.note(f"{turned:,} of {len(done.turned):,} faces were turned; {text}{culls}")
 
 
@@ -322,11 +326,11 @@ _NAMES = (
     *("Strategy", "Kept", "Added", "Cut", "Pieces", "Bound.", "Verdict"),
     *("Tasks", "Standard", "Dedicated", "MB", "Seconds"),
 )
-# Columns that are aligned to the left.
+# Columns of the table that are aligned to the left.
 _WORDS = ("Strategy", "Verdict", "Tasks")
-# Columns that are omitted first on narrow terminals, in this order.
+# Columns that narrow terminals omit, in this order.
 _OPTIONAL = ("MB", "Added", "Bound.", "Seconds", "Cut")
-# The value of --task for no task.
+# The value of --task that selects no task.
 NO_TASK = "none"
 
 
@@ -363,7 +367,7 @@ def compare_strategies(
             nullcontext() if folder is None else own_folder(folder, overwrite=output.force) as keep,
         ):
             rows = compare(asset, chosen, options, tasks=selected, device=device, keep=keep, step=step)
-    finally:  # the results took minutes: print them even if images cannot be written
+    finally:  # Print the comparison even if images cannot be written.
         if rows is not None:
             if output.prints_text:
                 _print_comparison(rows, description, output)
@@ -371,7 +375,7 @@ def compare_strategies(
 
 
 def _select_tasks(given: Sequence[str]) -> list[str]:
-    """Return the names of the selected tasks; the default tasks if none are given."""
+    """Return the names of the selected tasks. If no tasks are selected, return the default tasks."""
     from msb.trial.registry import select_tasks
     from msb.trial.repairs import TASKS
 
@@ -381,10 +385,10 @@ def _select_tasks(given: Sequence[str]) -> list[str]:
 
 
 def _print_comparison(rows: list[StrategyResult], views: str, output: Output) -> None:
-    """Print the comparison; `views` describes the views of the PSNR, such as "8 test views"."""
+    """Print the comparison. The argument `views` describes the views of the PSNR, such as "8 test views"."""
     console = output.console()
     if not console.is_terminal:
-        console.width = 10_000  # wider than any table
+        console.width = 10_000  # The width in characters exceeds every table.
     print_table([_format_cells(row) for row in rows], console)
     if output.quiet:
         return
@@ -398,7 +402,10 @@ def _print_comparison(rows: list[StrategyResult], views: str, output: Output) ->
         echo(advice)
     tried = [trial.task for trial in stored.trials if trial.outcome != "not_run"]
     if tried:
-        echo(f"Tasks: number of {', '.join(tried)} that work, some with limitations (details: msb trial)")
+        echo(
+            f"Tasks: the number of {', '.join(tried)} that work, some of them with limitations (details: "
+            f"msb trial)"
+        )
     for trial in stored.trials:
         if trial.outcome == "not_run":
             echo(f"{trial.task}: not run: {trial.why}")
@@ -406,11 +413,14 @@ def _print_comparison(rows: list[StrategyResult], views: str, output: Output) ->
     for tier, why in dict.fromkeys(looks):
         echo(f"{tier.capitalize()}: not rendered: {why}")
     if any(look.same or look.psnr is not None for look in (stored.looks or {}).values()):
-        echo(f"Standard, Dedicated: PSNR in dB against the asset as stored, averaged over {views}.")
+        echo(f"Standard, Dedicated: PSNR in dB against the unrepaired asset, averaged over {views}.")
 
 
 def recommend(rows: list[StrategyResult]) -> str:
-    """Return the recommended row: the best verdict, then the most tasks, fewest defects and best likeness."""
+    """Return the recommended row: the best verdict, then most tasks, fewest defects and highest similarity.
+
+    A repair that removes visible parts of the mesh is never recommended.
+    """
     from msb.topology.verdict import judge
     from msb.trial.repairs import count_passed
 
@@ -423,16 +433,24 @@ def recommend(rows: list[StrategyResult]) -> str:
         level = ("ok", "limited", "bad").index(judge(row.after).level)
         return level, -count_passed(row.trials), defects, max(looks, default=-1000.0)
 
+    def keeps_shape(row: StrategyResult) -> bool:
+        assert row.before is not None
+        assert row.looks is not None
+        close = all(look.same or (look.psnr or math.inf) >= MIN_LIKENESS for look in row.looks.values())
+        return close or row.faces_kept >= MIN_FACES_KEPT * row.before.counts.faces
+
     done = [row for row in rows if row.after is not None and row.looks is not None]
     if not done:
         return ""
-    best = min(done, key=rank)  # of equal rows the first, the asset as stored
-    reason = "no repair is better" if best is rows[0] else "best verdict, then most tasks"
+    kept = [row for row in done if keeps_shape(row)]
+    best = min(kept, key=rank)  # If rows are equally good, prefer the unrepaired asset.
+    none_better = "no repair is better" + (" without removing visible faces" if kept != done else "")
+    reason = none_better if best is rows[0] else "best verdict, then most tasks"
     return f"Recommended: {best.strategy} ({reason})"
 
 
 def _format_cells(row: StrategyResult) -> list[str]:
-    """Return the cells of a row of the table."""
+    """Return the table cells of one plan."""
     from msb.topology.metric_text import format_metric
     from msb.topology.verdict import judge
 
@@ -455,7 +473,10 @@ def _format_cells(row: StrategyResult) -> list[str]:
 
 
 def print_table(rows: list[list[str]], console: Console) -> None:
-    """Print the table, without the columns that do not fit the terminal. Empty columns are omitted first."""
+    """Print the table, and omit columns that do not fit into the terminal.
+
+    Columns that are empty are omitted first.
+    """
     full = [[*row, *[""] * (len(_NAMES) - len(row))] for row in rows]
     empty = [name for name, *cells in zip(_NAMES, *full, strict=True) if not {*cells} - {"", "-"}]
     boundless = console.options.update(width=10_000)
@@ -473,7 +494,7 @@ def print_table(rows: list[list[str]], console: Console) -> None:
 
 
 def _format_passed(trials: tuple[Trial, ...]) -> str:
-    """Return the number of tasks that work, out of the tasks that were run, such as "2 of 5"."""
+    """Return the number of working tasks out of all tasks, such as "2 of 5"."""
     from msb.trial.repairs import count_passed
 
     done = [trial for trial in trials if trial.outcome != "not_run"]
@@ -481,7 +502,7 @@ def _format_passed(trials: tuple[Trial, ...]) -> str:
 
 
 def _format_likeness(look: TierLikeness) -> str:
-    """Return the PSNR of a tier, "same" for equal images, or "-" without images."""
+    """Return the PSNR on one tier, "same" for equal images, or "-" without images."""
     if look.same:
         return "same"
     return "-" if look.psnr is None else f"{look.psnr:.1f}"

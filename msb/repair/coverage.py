@@ -1,4 +1,4 @@
-"""Count the pixels that each face covers in images. The numbers are the weights of the faces."""
+"""Count the pixels that each face covers in images. The pixel counts are the weights of the faces."""
 
 from collections.abc import Callable, Sequence
 
@@ -20,15 +20,15 @@ def count_pixels(
 ) -> NDArray[np.float64]:
     """Return the number of pixels (F,) that each face covers in standard-tier renderings of all cameras.
 
-    `step` is called after each camera.
+    The argument `step` is called after each camera.
     """
     if why := refusal(asset.manifest, "standard"):
-        text = f"--cameras needs standard-tier renderings to weigh faces; {why}"
+        text = f"--cameras needs standard-tier renderings to count the pixels of faces; {why}"
         raise Unsupported("UNSUPPORTED_TIER", text, file=asset.opened_from)
     pixels = np.zeros(asset.manifest.face_count)
     with Renderer(asset, tier="standard", device=device) as renderer:
         for camera in cameras:
-            faces = renderer.render(camera).face_id  # (H, W), -1 for the background
+            faces = renderer.render(camera).face_id  # face ids (H, W), -1 for the background
             if faces is not None:
                 pixels += np.bincount(faces[faces >= 0], minlength=len(pixels))
             step()

@@ -18,10 +18,10 @@ from msb.scenes import Camera
 from msb.topology.halfedge import NONE
 
 RED, GREEN, CUT = (0.85, 0.1, 0.1), (0.1, 0.7, 0.2), (0.0, 0.0, 0.55)
-# Grey levels for black and for white faces. They are light, to contrast with the other colours.
+# Grey levels of black and of white faces. Light grey levels contrast with the other colours.
 _DARKEST, _LIGHTEST = 0.55, 0.9
-# Depth tolerance of cut edges, as a fraction of the depth of the visible surface. The edges lie on the
-# surface, so their depth is nearly equal to it.
+# Depth tolerance of cut edges, as a fraction of the visible surface's depth. The edges lie on the surface, so
+# their depths are nearly equal to the surface depth.
 _TOLERANCE = 0.004
 
 
@@ -40,7 +40,7 @@ def save_picture(
 def draw_picture(
     original: Asset, done: Repaired, camera: Camera, device: str | None = None
 ) -> NDArray[np.float32]:
-    """Return an image (H, W, 3) with kept faces in grey, removed faces in red, and added faces in green."""
+    """Return an image (H, W, 3): unchanged faces are grey, removed faces red, and added faces green."""
     with Renderer(_color_faces(original, done), tier="standard", device=device) as renderer:
         frame = renderer.render(camera, background=(1.0, 1.0, 1.0))
     image = frame.image.copy()
@@ -51,17 +51,17 @@ def draw_picture(
 
 
 def _color_faces(original: Asset, done: Repaired) -> Asset:
-    """Return an asset with all faces before and after the repair.
+    """Return an asset with all faces from before and after the repair.
 
-    Colours mark kept, removed and added faces.
+    Unchanged, removed and added faces have different colours.
     """
     faces, points = original.buffers["indices"], original.buffers["positions"]
-    # The original faces (F, 3), red if no face of the result comes from them.
+    # Colour the original faces (F, 3). A face without a counterpart in the result is red.
     is_removed = np.ones(len(faces), bool)
     is_removed[done.face_map[done.face_map != NONE]] = False
     colors = np.repeat(_compute_grey(original)[:, None], 3, axis=1)
     colors[is_removed] = RED
-    # The added faces; their vertices follow the original vertices.
+    # Append the added faces. The vertices of added faces follow the original vertices.
     new = done.asset.buffers["indices"][done.face_map == NONE]
     colors = np.concatenate([colors, np.tile(GREEN, (len(new), 1))])
     return build_asset(
@@ -76,7 +76,7 @@ def _color_faces(original: Asset, done: Repaired) -> Asset:
 
 
 def _compute_grey(asset: Asset) -> NDArray[np.float32]:
-    """Return the brightness (F,) of each face's static colour, mapped to the light greys."""
+    """Return the brightness (F,) of each face's static colour, mapped to light grey levels."""
     colors = drawn_colors(asset)
     light = as_floats(colors.values[:, :3]).mean(axis=1)
     if colors.domain == "vertex":
@@ -91,25 +91,26 @@ def _draw_edges(
 ) -> None:
     """Draw the visible parts of the edges `ends` (n, 2, 3) into `image` (H, W, 3), in place.
 
-    `depth` (H, W) is the depth of the visible surface, 0 in the background.
+    The argument `depth` (H, W) is the depth of the visible surface, 0 in the background.
     """
-    # Length of each edge in pixels (n,). Edges with an end behind the camera or in its plane are skipped.
+    # Compute the length of each edge in pixels (n,). Skip edges with an end behind the camera or in its
+    # plane.
     pixels, _ = camera.project(ends)
     length = np.abs(pixels[:, 1] - pixels[:, 0]).max(axis=1, initial=0.0)
     is_valid = np.isfinite(length) & (length < 4 * max(image.shape))
     samples = np.where(is_valid, np.ceil(np.where(is_valid, length, 0)) + 1, 0).astype(np.int64)
-    # Sample one point per pixel of length. The arrays (m,) hold the edge of each sample, and its position
-    # along the edge from 0 to 1.
+    # Sample one point per pixel of length. Arrays of length m contain the edge of each sample, and its
+    # position along the edge from 0 to 1.
     edge = np.repeat(np.arange(len(ends)), samples)
     first = np.cumsum(samples) - samples
     along = ((np.arange(len(edge)) - first[edge]) / np.maximum(samples[edge] - 1, 1))[:, None]
-    # Project the samples (m, 3) to pixels, and keep those in the image.
+    # Project the samples (m, 3) to pixels, and keep samples inside the image.
     places, sample_depth = camera.project(ends[edge, 0] * (1 - along) + ends[edge, 1] * along)
     with np.errstate(invalid="ignore"):
         column, row = np.floor(np.nan_to_num(places, nan=-1.0)).astype(np.int64).T
     inside = (column >= 0) & (column < image.shape[1]) & (row >= 0) & (row < image.shape[0])
     row, column, sample_depth = row[inside], column[inside], sample_depth[inside]
-    # Draw the samples on or in front of the visible surface.
+    # Draw the samples that are on or in front of the visible surface.
     surface = depth[row, column]
     visible = (surface > 0) & (sample_depth <= surface * (1 + _TOLERANCE))
     image[row[visible], column[visible]] = CUT

@@ -12,12 +12,12 @@ from msb.errors import UsageError, shorten
 from msb.repair.options import STEPS
 from msb.topology.weld import Weld, parse_weld
 
-# The default plan. It changes nothing visible.
+# The default plan. The default plan does not change the appearance of a model.
 DEFAULT = ("orient", "pair")
 Peer = Literal["igl", "pymeshlab"]
-# Library -> the steps that it can run in place of MeshSplatBench's implementation.
+# Maps a library to the steps that it can run in place of MeshSplatBench.
 BY_PEER: dict[str, tuple[str, ...]] = {"igl": ("cut",), "pymeshlab": ("drop",)}
-# Step -> the options whose values may follow it in a plan, as in ``debris:20:0.001``.
+# Maps a step to the options that may follow it as numbers, as in ``debris:20:0.001``.
 NUMBERS = {
     "pair": ("pair_color",),
     "weld": ("weld",),
@@ -30,12 +30,12 @@ _WHOLE = ("debris_faces", "close_edges")
 
 @dataclass(frozen=True)
 class Options:
-    """The options of a repair; docs/repair.md explains the steps.
+    """The options of a repair. The page docs/repair.md explains the steps.
 
     Attributes
     ----------
     plan : tuple of str
-        The steps in order. They are repeated until nothing changes.
+        The steps in order. The steps are repeated until nothing changes.
     weld : "exact" or float
         `weld` merges vertices with equal float32 coordinates ("exact"), or vertices within this distance,
         also through chains of vertices.
@@ -49,11 +49,12 @@ class Options:
     close_edges : int
         `close` fills holes with at most this number of edges.
     close_share : float
-        `close` does not fill a hole if its cap would exceed this share of the area of its component.
+        `close` does not fill a hole if the new faces would exceed this share of their component's area.
     peer : {"igl", "pymeshlab"}, optional
-        The library that runs `cut` (igl) or `drop` (pymeshlab) in a child process; None: MeshSplatBench.
+        The library that runs `cut` (igl) or `drop` (pymeshlab) in a child process. The value None means
+        MeshSplatBench.
     limits : Limits
-        Time and memory limits of that process.
+        Time and memory limits of the child process.
     """
 
     plan: tuple[str, ...] = DEFAULT
@@ -67,7 +68,9 @@ class Options:
     limits: Limits = field(default_factory=Limits)
 
     def covers(self, other: Options) -> bool:
-        """Return whether this plan has all steps of `other`, and closes and welds at least as much."""
+        """Return whether this plan has all steps of `other`, with a weld distance and a `close_share` that
+        are not smaller.
+        """
         ours, theirs = (0.0 if plan.weld == "exact" else float(plan.weld) for plan in (self, other))
         return (
             set(other.plan) <= set(self.plan)
@@ -76,7 +79,7 @@ class Options:
         )
 
     def check(self) -> Options:
-        """Return the validated options; raise USAGE or WELD_DISTANCE if they are invalid."""
+        """Return the options after validation. Raise USAGE or WELD_DISTANCE if the options are invalid."""
         numbers = {
             name: checked_number(name, getattr(self, name), whole=name in _WHOLE)
             for name in ("pair_color", *_WHOLE, "debris_share", "close_share")
@@ -93,10 +96,10 @@ class Options:
 
 
 def parse_plan(plan: Sequence[str] | str | None = None, **options: Any) -> Options:
-    """Return the validated options of a plan: a sequence of steps, or a text with commas between them.
+    """Return the validated options of a plan, given as a sequence of steps or as text with commas.
 
-    A step may have numbers, as in "weld:0.01,orient,pair,debris:20:0.001". Without a plan, the default plan
-    is used, or the step of the peer if `options` name one. `options` are other fields of `Options`.
+    A step may have numbers, as in "weld:0.01,orient,pair,debris:20:0.001". The default is the default plan,
+    or the step of the library in `options`. `options` contains other fields of `Options`.
     """
     if plan is None:
         plan = BY_PEER.get(options.get("peer") or "", DEFAULT)
@@ -123,7 +126,7 @@ def parse_plan(plan: Sequence[str] | str | None = None, **options: Any) -> Optio
 
 
 def _parse_number(name: str, text: str) -> float | str:
-    """Return the value of option `name` in a plan. It is a number, except for weld, which keeps the text."""
+    """Return the value of option `name` in a plan. The value is a number. Only weld accepts a text."""
     if name == "weld":
         return text
     try:

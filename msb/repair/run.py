@@ -35,10 +35,9 @@ if TYPE_CHECKING:
 
     Buffers = Mapping[str, NDArray[Any]]
 
-# The steps after which a step (the key) need not be repeated, because their changes never create new work for
-# it. Turned faces keep their place, and debris is removed as whole components. A step that is run twice
-# changes nothing the second time. `debris` must be repeated after `orient`, because `orient` cuts one-sided
-# surfaces, and a component may fall apart.
+# Maps each step to the later steps after which the step need not be repeated. Turning faces moves no vertex,
+# and `debris` removes whole components. Repeating a step immediately changes nothing. `debris` must be
+# repeated after `orient`. `orient` cuts one-sided surfaces, so a component may fall apart.
 _UNTOUCHED_BY = {
     "orient": ("orient", "debris"),
     **dict.fromkeys(("pair", "cut"), ("pair", "cut", "orient", "debris")),
@@ -47,10 +46,10 @@ _UNTOUCHED_BY = {
     "dedupe": ("orient", "pair", "cut", "drop", "dedupe", "debris", "outward"),
     "outward": ("outward",),
 }
-# Steps after which no edge has more than two faces. In plans with such a step, `orient` only turns faces, so
-# that the other step decides which faces stay connected.
+# After the steps pair, cut or drop, no edge has more than two faces. In a plan with one of these steps,
+# `orient` only turns faces. The steps pair, cut and drop decide which faces stay connected.
 _RESOLVING = frozenset({"pair", "cut", "drop"})
-# Maximum number of repetitions of a plan. Most plans need two or three.
+# Maximum number of repetitions of a plan. Most plans need two or three repetitions.
 _MAX_ROUNDS = 16
 
 
@@ -58,7 +57,7 @@ _MAX_ROUNDS = 16
 class Step:
     """A finished step: the numbers of changed faces and vertices, and notes.
 
-    `notes` end without a full stop.
+    Texts in `notes` have no full stop at the end.
     """
 
     step: str
@@ -72,7 +71,7 @@ class Step:
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """The numbers of faces removed, added and turned, and of vertices removed and added."""
+        """The counts of faces removed, added and turned, and of vertices removed and added."""
         faces = (self.faces_removed, self.faces_added, self.faces_turned)
         return (*faces, self.vertices_removed, self.vertices_added)
 
@@ -88,11 +87,12 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A repaired mesh: its buffers, the steps done, and the origin of its rows.
+    """A repaired mesh: its buffers, the finished steps, and the origin of its rows.
 
-    `vertex_map` (V',) and `face_map` (F',) have the original row of each vertex and face, or -1 for added
-    rows. `turned` (F',) tells whether the second and third corner of each face were swapped. `domains` are
-    the domains of the buffers. If the repair changed anything, UVs are per corner.
+    The fields `vertex_map` (V',) and `face_map` (F',) have the original row of each vertex and face, or -1
+    for added rows. The field `turned` (F',) states for each face whether its second and third corner were
+    swapped. The field `domains` gives the domain of each buffer. If the repair changed the mesh, UVs are
+    stored per corner.
     """
 
     buffers: Buffers
@@ -106,7 +106,7 @@ class Outcome:
 
     @property
     def unchanged(self) -> bool:
-        """Whether the mesh is the original."""
+        """Whether the mesh is unchanged."""
         return self.after is self.before
 
     @cached_property
@@ -117,10 +117,10 @@ class Outcome:
 
 @dataclass
 class _State:
-    """The mesh after the steps that have run so far.
+    """The state of the mesh after the steps that have run so far.
 
-    `buffers` are updated only when a step adds rows. Other changes are accumulated in `pending`, and `flush`
-    applies them.
+    The field `buffers` is updated immediately only when a step adds rows. Changes without added rows are
+    accumulated in `pending`, and `flush` applies them.
     """
 
     buffers: Buffers
@@ -135,7 +135,7 @@ class _State:
     steps: list[Step] = field(default_factory=list)
 
     def run_step(self, name: str, compute: Callable[[], Change]) -> None:
-        """Compute and apply the change of a step, and record it."""
+        """Compute, apply and record the change of a step."""
         start = time.perf_counter()
         change = compute()
         faces, vertices = len(self.face_map), len(self.points)
@@ -158,7 +158,7 @@ class _State:
     def apply(self, change: Change) -> None:
         """Apply a change to the maps and points.
 
-        Apply it to the buffers if it adds rows, else accumulate it.
+        Changes that add rows are also applied to the buffers. Changes without added rows are accumulated.
         """
         old_vertex, old_face = change.vertex_map, change.face_map
         self.vertex_map = np.where(old_vertex == NONE, NONE, self.vertex_map[old_vertex])
@@ -176,12 +176,12 @@ class _State:
             self.pending = followed_by(self.pending, change)
 
     def flush(self) -> None:
-        """Carry the buffers through the pending changes."""
+        """Apply the pending changes to the buffers."""
         self.buffers = carry(self.buffers, self.domains, self.pending, self.level)
         self.pending = unchanged(self.pending.faces, len(self.pending.vertex_map))
 
     def colors(self) -> dict[str, NDArray[Any]]:
-        """Return vertex or face colours as keyword arguments of `pair`. It cannot use corner colours."""
+        """Return vertex or face colours as keyword arguments of `pair`. `pair` cannot use corner colours."""
         static = static_colors(self.buffers, self.domains)
         if static is None or static.domain == "corner":
             return {}
@@ -202,22 +202,22 @@ def run_plan(
 ) -> Outcome:
     """Run the steps of the plan in order, and repeat all steps except weld until nothing changes.
 
-    The steps see the mesh with its seams merged. If no step changes anything, the mesh keeps its seams. Only
+    The steps work on the mesh with merged seams. If no step changes the mesh, its seams stay unchanged. Only
     seams of attributes that the result lacks, such as normals, are merged.
 
     Parameters
     ----------
     buffers, domains : mapping
-        `buffers` has `positions`, `indices` and all other buffers. `domains` has the domain of each other
-        buffer: "vertex", "face", "corner" or "global".
+        `buffers` has `positions`, `indices` and all other buffers. `domains` has the domain of each buffer:
+        "vertex", "face", "corner" or "global".
     level : int, optional
         The level of DiffSoup's lattice.
     weights : (F,) numbers, optional
-        The importance of each face for `debris` and `drop`. Default: its area.
+        The importance of each face for `debris` and `drop`. Default: the face's area.
     first : Change, optional
         A change to apply before the plan, such as removing hidden faces.
     trained : bool
-        Whether a method trained the mesh, so that the corners of a soup coincide by chance.
+        Whether the mesh was trained by a method, so that corners of a soup coincide only by chance.
 
     Raises
     ------
@@ -231,11 +231,11 @@ def run_plan(
         if weights.shape != (len(faces),) or not (np.isfinite(weights) & (weights >= 0)).all():
             text = f"weights must be {len(faces)} finite numbers, one per face, and not negative"
             raise UsageError("USAGE", text)
-    # Audit the original, and merge the vertices that are split at seams.
+    # Audit the original mesh, and merge the vertices that are split at seams.
     attributes = seam_attributes(buffers, domains, triangle_list=not trained)
     before, _ = audit_arrays(points, faces, attributes=attributes)
     seams = find_seams(points, faces, attributes) if first is None else None
-    # Drop the seam keys, because the result lacks the attributes that they stand for.
+    # Drop the seam keys of attributes that the result lacks.
     buffers = {name: values for name, values in buffers.items() if name != SEAM_KEY}
     domains = {name: domain for name, domain in domains.items() if name != SEAM_KEY}
     carried, new_domains = _move_to_corners(buffers, domains, seams)
@@ -283,10 +283,10 @@ def run_plan(
 def _move_to_corners(
     buffers: Buffers, domains: Mapping[str, Domain], seams: Seams | None
 ) -> tuple[Buffers, Mapping[str, Domain]]:
-    """Return the buffers and their domains. Vertex values are moved to corners where vertices are merged.
+    """Return the buffers and their domains. Vertex values become corner values where vertices are merged.
 
-    Colours are moved if they differ at a seam. UVs are always moved, so that merging vertices or filling a
-    hole cannot distort the texture.
+    Colours are stored per corner if they differ at a seam. UVs are always stored per corner, so that merging
+    vertices or filling a hole cannot distort the texture.
     """
     attributes = seam_attributes(buffers, domains)
     names = [
@@ -301,9 +301,9 @@ def _move_to_corners(
 
 
 def _order_steps(plan: Sequence[str], state: _State, peer: str | None) -> Iterator[str]:
-    """Yield the steps to run: the plan, and then the steps that have new work after a change.
+    """Yield all steps of the plan. After a change, yield the steps that may have to change the mesh again.
 
-    `weld` runs only once: repeated, it would merge the vertices that other steps have split.
+    `weld` runs only once, because a second run would merge vertices that other steps have split.
     """
     again = [name for name in plan if name != "weld"]
     by_peer = BY_PEER.get(peer or "", ())
@@ -323,27 +323,30 @@ def _order_steps(plan: Sequence[str], state: _State, peer: str | None) -> Iterat
 
 
 def _drop_nonfinite(state: _State) -> str:
-    """Drop the faces without a finite area, and the vertices that are not finite. Return a note, or ""."""
+    """Drop faces without a finite area, and vertices with coordinates that are not finite.
+
+    Return a note about the dropped faces and vertices, or "".
+    """
     points, faces = state.points, state.pending.faces
     keep = face_areas(points, faces)[1] & np.isfinite(points).all(axis=1)[faces].all(axis=1)
     used = np.isfinite(points).all(axis=1)
     if keep.all() and used.all():
         return ""
     if len(faces) and not keep.any():
-        text = f"no face has finite coordinates; vertex {int(np.argmin(used))} is the first that has not"
+        text = f"no face has finite coordinates; the first invalid vertex is {int(np.argmin(used))}"
         raise MeshError("MESH_NONFINITE", text, pointer=f"vertices[{int(np.argmin(used))}]")
     state.apply(with_faces(faces, keep, len(points), lost=~used))
     count, first = len(keep) - int(keep.sum()), int(np.argmin(keep))
     if not count:
-        return "vertices that no face uses are not finite; they were dropped"
+        return "unused vertices with coordinates that are not finite were dropped"
     are = "face has" if count == 1 else "faces have"
     return f"{count:,} {are} NaN, infinite or too large coordinates; dropped (the first one: face {first})"
 
 
 def list_defects(after: Audit, split: str | None = None) -> list[str]:
-    """Return a description of each kind of defect that is left.
+    """Return a description of each remaining kind of defect.
 
-    Some file formats store separate vertices although the faces of the repaired mesh share them. `split` then
+    Some file formats split the shared vertices of the repaired mesh. If the file format does this, `split`
     gives the reason.
     """
     after = after.judged

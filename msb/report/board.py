@@ -1,4 +1,4 @@
-"""The board: one table of results from many submissions. Every row names its origin."""
+"""The board: one table of results from many submissions. The board names the origin of every row."""
 
 import io
 import unicodedata
@@ -34,32 +34,32 @@ from msb.report.results import LoadedResult, ResultSet, result_set
 from msb.report.safe_names import plain_text
 from msb.report.table import NOT_AVAILABLE, Table, TableCell, TableColumn, TableRow
 
-# Submitter of the paper's rows.
+# Name printed as the submitter of the paper's rows.
 THE_PAPER = "the paper"
 _MESH = "exported_mesh"
-# Columns after the image quality metrics.
+# Columns that follow the image quality metrics.
 _METRICS = ("fps", "p50_ms", "p95_ms", "memory", "asset_size", "nonmanifold_edge_ratio", "components")
-# Hexadecimal digits of a hash in the table of results; the table of files prints all 64 digits.
+# Hexadecimal digits of a hash in the table of results. The table of files prints all 64 digits.
 _HASH_DIGITS = 12
-# Number of hexadecimal digits of the hash that are added to equal names of submitters. More digits are used
-# only if another submitter already has the name with this number of digits.
+# Number of hexadecimal digits of the hash added to equal names of submitters. More digits are used only if
+# the shorter name is already taken.
 _MIN_NAME_DIGITS, _MAX_NAME_DIGITS = 6, 64
 # Maximum width and height of a submitted image, in pixels.
 _MAX_SIDE = 4096
-# Letters that are invisible: Hangul fillers and the empty Braille pattern. Unicode categories without a
-# visible glyph: controls, formatting, unassigned, surrogates, combining marks.
+# Invisible letters: Hangul fillers and the empty Braille pattern. Unicode categories without a visible glyph:
+# controls, formatting, unassigned, surrogates, combining marks.
 _BLANK_LETTERS = frozenset("\u115f\u1160\u2800")
 _INVISIBLE_CATEGORIES = frozenset(("Cc", "Cf", "Cn", "Cs", "Me", "Mn"))
 
-# Dataset, scene (or mean), method and condition.
+# Dataset, scene (or mean), method and condition of a row.
 RowKey = tuple[str, str, str, str]
 
 
 @dataclass(frozen=True)
 class Board(Report):
-    """A report with one table for many submissions.
+    """A report with one table of many submissions.
 
-    `submissions` are pairs: a unique name, and a submission.
+    `submissions` contains pairs of a unique name and a submission.
     """
 
     submissions: tuple[tuple[str, Submission], ...] = ()
@@ -68,7 +68,7 @@ class Board(Report):
 
 
 def submitted_pictures(results: ResultSet) -> list[tuple[SubmittedImage, bytes]]:
-    """Return descriptions and JPEGs of the images of a submission.
+    """Return the submitted images of a submission: their descriptions and their JPEG data.
 
     The images show the views with the largest and the median loss of each dataset.
     """
@@ -103,7 +103,7 @@ def build_board(
     Raises
     ------
     UsageError
-        A submission is given twice.
+        A submission is passed twice.
     InputError
         RECORD_INVALID: a submitted image is invalid.
     """
@@ -155,10 +155,11 @@ def build_board(
 
 
 def _name_submissions(submissions: Sequence[Submission]) -> list[str]:
-    """Return a unique name for each submission; no name is "the paper".
+    """Return a unique name for each submission. The name "the paper" is never used.
 
-    If two names look the same, digits of the submission's hash are added to them. Letters of other scripts
-    that resemble Latin letters are not recognised. The hashes in the table of files distinguish such names.
+    If two names look alike, digits of the submissions' hashes are added to the names. Letters of other
+    scripts that resemble Latin letters are not recognised. The hashes in the table of files distinguish
+    similar names.
     """
     plain_names = [_plain_name(submission) for submission in submissions]
     count = Counter(map(_visible_form, [THE_PAPER, *plain_names]))
@@ -174,13 +175,16 @@ def _name_submissions(submissions: Sequence[Submission]) -> list[str]:
 
 
 def _plain_name(submission: Submission) -> str:
-    """Return the submitter's name on one line, or digits of the hash for a name without visible letters."""
+    """Return the submitter's name on one line.
+
+    If the name has no visible letters, return digits of the submission's hash.
+    """
     name = plain_text(submission.about.name).strip()
     return name if _visible_form(name) else submission.sha256[:_HASH_DIGITS]
 
 
 def _visible_form(name: str) -> str:
-    """Return the visible letters of a name in lower case, which are equal for names that look the same."""
+    """Return the visible letters of a name in lower case. Names that look alike give the same result."""
     normal = unicodedata.normalize("NFKC", name)
     letters = (letter for letter in normal if letter not in _BLANK_LETTERS and not letter.isspace())
     visible = (letter for letter in letters if unicodedata.category(letter) not in _INVISIBLE_CATEGORIES)
@@ -188,10 +192,10 @@ def _visible_form(name: str) -> str:
 
 
 def _results_table(results: Mapping[str, ResultSet], numbers: Mapping[str, Numbers], paper: Numbers) -> Table:
-    """Return a row per scene, method, condition and submitter.
+    """Return a row for each scene, method, condition and submitter.
 
-    The keys of `results` and `numbers` are submitters. The metrics of a model's mesh are repeated in all rows
-    of the model.
+    `results` and `numbers` contain the results and numbers of each submitter, by name. The mesh metrics of a
+    model are repeated in all its rows.
     """
     metrics = [*QUALITY, *_METRICS]
     rows = []
@@ -224,7 +228,7 @@ def _results_table(results: Mapping[str, ResultSet], numbers: Mapping[str, Numbe
 
 
 def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
-    """Return the rows of the table in order, each with the submitters that have numbers for the row."""
+    """Return the rows of the table in order. Each row has the submitters with numbers for the row."""
     names_of: dict[RowKey, list[str]] = {}
     for name, of_submitter in numbers.items():
         scenes = {(key.dataset, key.scene) for key in of_submitter.values if key.scene not in MEANS}
@@ -237,7 +241,7 @@ def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
         drawn = {row_key[:3] for row_key in row_keys if row_key[3] != _MESH}
         for row_key in row_keys:
             dataset, scene, _, condition = row_key
-            # Redundant rows are left out: a mean over a single scene, and the mesh of a model with drawn
+            # Omit the mean of a single scene. Omit the exported mesh of a model that also has rendered
             # conditions.
             is_repeated_mean = scene in MEANS and count[dataset] == 1
             is_repeated_mesh = condition == _MESH and row_key[:3] in drawn
@@ -256,7 +260,7 @@ def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
 
 
 def _group_records(results: ResultSet) -> dict[RowKey, list[Result]]:
-    """Return the records of each row: one record for a scene, the records of all scenes for a mean."""
+    """Return the records of each row. The row of a mean has the records of all scenes."""
     records: dict[RowKey, list[Result]] = {}
     for loaded in results:
         dataset, scene, method = loaded.place
@@ -267,7 +271,7 @@ def _group_records(results: ResultSet) -> dict[RowKey, list[Result]]:
 
 
 def _without_reason(cell: TableCell) -> TableCell:
-    """Return an empty cell without its reason, because most rows of a board have many empty cells."""
+    """Return a table cell. If the cell is empty, omit the reason, because most cells of a board are empty."""
     return cell if cell.value is not None else replace(cell, reason=None, notes=())
 
 
@@ -276,7 +280,10 @@ def _text_cell(text: str) -> TableCell:
 
 
 def _provenance_cells(records: Sequence[Result]) -> tuple[TableCell, ...]:
-    """Return the cells for model, photographs, version and device; "N different" if the records differ."""
+    """Return four table cells: model, photographs, version and device.
+
+    If the records differ, the text is "N different".
+    """
     models = {
         record.asset.sha256[:_HASH_DIGITS] for record in records if record.asset and record.asset.sha256
     }
@@ -296,7 +303,7 @@ def _provenance_cells(records: Sequence[Result]) -> tuple[TableCell, ...]:
 
 
 def _photographs_hash(record: Result) -> str:
-    """Return the hash of the photographs and of their processing, or ""."""
+    """Return a hash of the photographs and of the settings for their comparison, or ""."""
     return str(record.inputs.get("quality", {}).get("photographs", ""))
 
 
@@ -326,7 +333,7 @@ def _submissions_table(named: Sequence[tuple[str, Submission]]) -> Table:
 
 
 def _files_table(results: Mapping[str, ResultSet]) -> Table:
-    """Return the hashes of all files behind the results of each submitter and model."""
+    """For each submitter and model, return the hashes of all files that the results are computed from."""
     rows = []
     for name, of_submitter in results.items():
         for place, conditions in of_submitter.places.items():
@@ -347,11 +354,11 @@ def _files_table(results: Mapping[str, ResultSet]) -> Table:
 
 
 def _find_differences(results: Mapping[str, ResultSet]) -> Iterator[str]:
-    """Yield reasons why rows cannot be compared, within a submission or between submissions."""
+    """Yield reasons that make rows of one or several submissions incomparable."""
     yield from (f"{name}: {note}" for name, of_submitter in results.items() for note in of_submitter.notes)
-    # the submitters, by (dataset, scene, method) and then by the hash of the photographs
+    # For each (dataset, scene, method), group the submitters by the hash of their photographs.
     photographs: dict[tuple[str, str, str], dict[str, list[str]]] = {}
-    # the submitters, by metric and then by its definition
+    # For each metric, group the submitters by the definition of the metric.
     metrics: dict[str, dict[str, list[str]]] = {}
     for name, of_submitter in results.items():
         for loaded in of_submitter:
@@ -362,7 +369,7 @@ def _find_differences(results: Mapping[str, ResultSet]) -> Iterator[str]:
             for identity in () if loaded.result.quality is None else loaded.result.quality.metrics:
                 text = str(sorted(defined(identity).items()))
                 metrics.setdefault(str(identity.get("name")), {}).setdefault(text, []).append(name)
-    # Models with the same groups of submitters share a sentence.
+    # Write one sentence for all models with equal groups of submitters.
     places_of: dict[str, list[str]] = {}
     for where, groups in photographs.items():
         if len(groups) > 1:
@@ -375,14 +382,14 @@ def _find_differences(results: Mapping[str, ResultSet]) -> Iterator[str]:
 
 
 def _list_groups(groups: Iterable[Sequence[str]]) -> str:
-    """Return "A with B and C" for the groups of names (A, B) and (C)."""
+    """Return groups of names as text: groups (A, B) and (C) become "A with B and C"."""
     return " and ".join(" with ".join(dict.fromkeys(names)) for names in groups)
 
 
 def _read_views(name: str, submission: Submission) -> Iterator[ComparedView]:
     """Yield the submitted views.
 
-    Raises InputError if an image is not a small JPEG, or if no record holds the PSNR of the image.
+    Raises InputError if an image is not a small JPEG, or if no record contains the PSNR of the image.
     """
     recorded = {
         (*record.cell.names[:3], condition_title(record.cell.condition_key), image.name, image.values["psnr"])
@@ -410,7 +417,10 @@ def _read_views(name: str, submission: Submission) -> Iterator[ComparedView]:
 
 
 def _read_image(picture: SubmittedImage, submission: Submission, number: int) -> JpegImage:
-    """Return a submitted image; `number` counts the views. Raises InputError unless it is a small JPEG."""
+    """Return a submitted image. `number` is the number of the view.
+
+    Raises InputError if the image is not a small JPEG.
+    """
     from PIL import Image
 
     data = submission.pictures[picture.file]

@@ -1,4 +1,4 @@
-"""Build the report on a set of results, and the report of the paper's own tables."""
+"""Build the report on a set of results, and the report on the paper's own tables."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -34,10 +34,10 @@ ONE_SCENE = (
     "views are similar."
 )
 NO_COMPARISON = "--against {}: no other method was measured under the same condition on the same scene"
-# Datasets with few scenes. The paper's tables show these scenes side by side. The scenes of other datasets
-# are rows.
+# Datasets with few scenes. Tables of these datasets show the scenes side by side, as in the paper. The tables
+# of other datasets have a row per scene.
 FEW_SCENES = ("tanksandtemples",)
-# Our builder of each table of the paper by its label, and the dataset of the table ("" for all datasets).
+# For each table of the paper, the function that builds our table, and its dataset ("" for all datasets).
 _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "native_summary": (measurements.native_summary, ""),
     "native_comprehensive_results": (measurements.native_comprehensive_results, ""),
@@ -49,9 +49,9 @@ _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "mesh_connectivity": (measurements.mesh_connectivity, "mipnerf360"),
     "reproducibility_comparison": (reproducibility, ""),
 }
-# Our label of each table of the paper, by the paper's label.
+# For each label of the paper, the label of our table.
 EQUIVALENTS = {label: "-".join(filter(None, (build.__name__, at))) for label, (build, at) in _PAPER.items()}
-# The paper's label of each of our tables by our label, if the labels differ.
+# Labels of tables that differ between this report and the paper: our label to the paper's label.
 _PAPER_LABELS = {
     "renderer_comparison-mipnerf360": "mip360_renderer_comparison",
     "renderer_comparison-tanksandtemples": "tnt_renderer_comparison",
@@ -117,15 +117,15 @@ def build_report(
     pictures : bool
         Whether to include charts and renderings.
     with_paper : bool
-        Whether to include the paper's numbers. Those in `published` are always included.
+        Whether to include the numbers of the paper. Numbers in `published` are always included.
     against : str, optional
-        A method or label. Every other method is compared with it, view by view.
+        A method or label. Every other method is compared with this method, view by view.
     """
     _check_chosen(results, chosen)
     numbers = collect(results)
     comparisons = [] if against is None else compare_methods(results, numbers, against)
     paper = paper_numbers() if with_paper else Numbers({}, of_paper=True)
-    # If a dataset has a name from the paper but other scenes, the paper's numbers for it are dropped.
+    # If a dataset has a published name but other scenes, remove the paper's numbers for the dataset.
     others = [dataset for dataset in numbers.datasets() if numbers.has_other_scenes(dataset)]
     paper = _drop_datasets(paper, others)
     if published:
@@ -154,7 +154,7 @@ def build_report(
 
 
 def paper_report(*, pictures: bool = True) -> Report:
-    """Return the paper's own tables, built from its numbers by the builders of our tables."""
+    """Return a report on the paper's own numbers, with the tables that we also build for our results."""
     numbers = paper_numbers()
     tables = [
         replace(build(paper_numbers(label), *filter(None, [dataset])), label=label)
@@ -186,13 +186,16 @@ def paper_report(*, pictures: bool = True) -> Report:
 
 
 def _with_contradictions(*tables: Table) -> tuple[Table, ...]:
-    """Return tables of the paper, with notes on statements of the paper that contradict them."""
+    """Return tables of the paper. Add notes on statements of the paper that contradict a table."""
     known = contradictions()
     return tuple(replace(table, notes=(*table.notes, *known.get(table.label, ()))) for table in tables)
 
 
 def _with_paper_notes(table: Table) -> Table:
-    """Return a table of ours; if it prints the paper's numbers, add notes on the paper's contradictions."""
+    """Return one of our tables.
+
+    Add notes on contradictions in the paper if the table prints numbers of the paper.
+    """
     has_columns = any(SOURCES["meshsplatbench"] in column.groups for column in table.columns)
     if not has_columns and not any(row.paper for row in table.rows):
         return table
@@ -207,11 +210,11 @@ def _make_sections(
     datasets = numbers.datasets()
     drawn = [dataset for dataset in datasets if numbers.conditions(dataset)]
     deployed = [d for d in drawn if any(condition != "non_engine" for condition in numbers.conditions(d))]
-    # Datasets with few scenes have tables with the scenes side by side.
+    # In tables of datasets with few scenes, the scenes are side by side.
     few = [dataset for dataset in deployed if dataset in FEW_SCENES]
     audited = [dataset for dataset in datasets if numbers.methods(dataset, "exported_mesh")]
 
-    # Tables that depend on the kind of dataset, or on published numbers.
+    # Choose tables by the kind of dataset, and by the existence of published numbers.
     runtime = [slowdown_table(numbers, paper)] if deployed else []
     runtime += [measurements.runtime_resources(numbers, dataset, paper) for dataset in few]
     for dataset in deployed:
@@ -225,7 +228,7 @@ def _make_sections(
     if any(key.source for key in paper.values if key.dataset in datasets):
         published += [reproducibility(numbers, paper)]
         published += [reproducibility_statistics(numbers, paper)]
-    # The tables of each section by its name; empty tables are dropped below.
+    # Build the tables of each section. Empty tables are removed below.
     tables_of: dict[str, Iterable[Table]] = {
         "deployment": [
             *(measurements.renderer_comparison(numbers, dataset, paper) for dataset in drawn),
@@ -283,7 +286,7 @@ def _check_chosen(results: ResultSet, chosen: Sequence[str]) -> None:
 
 
 def _drop_datasets(paper: Numbers, datasets: Sequence[str]) -> Numbers:
-    """Return the paper's numbers without `datasets`."""
+    """Return the paper's numbers, except the numbers of `datasets`."""
     return replace(
         paper,
         values={key: number for key, number in paper.values.items() if key.dataset not in datasets},
@@ -293,7 +296,7 @@ def _drop_datasets(paper: Numbers, datasets: Sequence[str]) -> Numbers:
 
 
 def _summarise(results: ResultSet, numbers: Numbers) -> str:
-    """Return the number of results, methods, scenes and datasets, and our version."""
+    """Return a text with the number of results, methods, scenes and datasets, and our version."""
     methods = {place.method for place in results.places}
     scenes = {(place.dataset, place.scene) for place in results.places}
     of = f"{_format_count(len(results), 'result')} of {_format_count(len(methods), 'method')}"
@@ -306,7 +309,7 @@ def _format_count(number: int, noun: str) -> str:
 
 
 def _list_changed_files(results: ResultSet, views: Iterable[ComparedView]) -> Iterator[str]:
-    """Yield notes on missing renderings, and on renderings that are left out because their files changed."""
+    """Yield notes on missing and on changed renderings. Changed renderings are not shown."""
     missing = [
         loaded.path.parent / image.file
         for loaded in results
@@ -322,7 +325,7 @@ def _list_changed_files(results: ResultSet, views: Iterable[ComparedView]) -> It
 
 
 def _list_failures(results: ResultSet) -> list[str]:
-    """Return a note per failed cell."""
+    """Return one note per failed cell."""
     notes = []
     for loaded in results:
         reason = loaded.result.reason

@@ -1,4 +1,4 @@
-"""Collect numbers from result records: metrics, averages over scenes, gaps, reasons for missing values."""
+"""Collect numbers from result records: metrics, averages, gaps, and reasons for missing values."""
 
 import re
 from collections import Counter, defaultdict
@@ -42,15 +42,15 @@ from msb.report.numbers import (
 from msb.report.results import Place, ResultSet
 from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED, UNSTEADY
 
-# Metrics by condition: timing, the walk beyond the captured views, and all other metrics of drawn conditions.
+# Metrics of conditions with images: timing, the walk beyond the captured views, and other metrics.
 _TIMING = ("fps", "p50_ms", "p95_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
 WALK = ("flicker", "flicker_worst", "holes")
 _DRAWN = (*_TIMING, *WALK, "memory", "driver_memory", "asset_size")
-# Metrics of exported and baked meshes, and of baked meshes alone.
+# Metrics of exported and baked meshes, and additional metrics of baked meshes.
 _OF_MESH, _OF_BAKE = ("faces", "tasks"), ("psnr_16", "bake_seconds")
 # Metrics that are computed from the frame rate.
 _RATES = ("fps", "host_ms")
-# The key of `Result.reasons` that explains a missing value of each metric.
+# For each metric, the key in `Result.reasons` of the reason for a missing value.
 _REASON_KEYS = {
     **dict.fromkeys((*_TIMING, "memory", "driver_memory"), "timing"),
     **dict.fromkeys(WALK, "walk"),
@@ -58,21 +58,21 @@ _REASON_KEYS = {
     "chamfer": "chamfer",
     "tasks": "trial",
 }
-# The attribute of `Result.floor`, the cost of a single triangle, for each metric.
+# For each metric, the attribute of `Result.floor` with the cost of a single triangle.
 _FLOOR_ATTRIBUTES = {"memory": "memory_bytes", "p50_ms": "p50_ms", "p95_ms": "p95_ms"}
 
 NOT_RUN = "this condition was not run"
 REFERENCE = "rendered by our reference renderer, not by the method's own code"
-SOUP = "a triangle soup: its triangles share no vertices, so its connectivity cannot be judged"
+SOUP = "a triangle soup, whose triangles share no vertices, so that its connectivity cannot be judged"
 LPIPS = "LPIPS version 0.1 with VGG16 features, on images scaled to [-1, 1]"
 RESIZED = "against photographs that msb resized; the dataset does not provide them at this size"
 OUR_TRAINER = "trained by our own trainer on a CPU, not by the method's official code"
 STE = "ste_threshold is set: Standard, which otherwise ignores opacity, omits faces below this opacity"
 WHITE = "photographs and renderings are composited over white, as in the dataset's protocol"
-# Datasets whose protocol composites over white.
+# Datasets whose evaluation composites photographs and renderings over white.
 _WHITE_DATASETS = ("dtu", "nerf_synthetic")
 _COLORS = {(0.0, 0.0, 0.0): "black", (1.0, 1.0, 1.0): "white"}
-# What drew Non-Engine images, by their `RendererInfo.kind`.
+# The renderer of Non-Engine images, by their `RendererInfo.kind`.
 _NATIVE_RENDERERS = {"upstream": "their own code", "msb_reference": "NumPy"}
 _CAMERAS = {
     "gs_fov": "gs_fov (principal point at the image centre)",
@@ -81,7 +81,10 @@ _CAMERAS = {
 
 
 def collect(results: ResultSet) -> Numbers:
-    """Return the numbers of `results`. Datasets, methods and scenes of the paper come first, in its order."""
+    """Return the numbers of `results` for tables and charts.
+
+    Datasets, methods and scenes of the paper come first, in the order of the paper.
+    """
     records: dict[Place, dict[str, Result]] = {
         place: {condition: loaded.result for condition, loaded in conditions.items()}
         for place, conditions in results.places.items()
@@ -101,16 +104,16 @@ def collect(results: ResultSet) -> Numbers:
         renderers = drawn_by[dataset] = _find_renderers(of_places)
         conditions_of = _list_conditions(of_places)
         for method in _sort_names(conditions_of, METHODS):
-            # The records of this method, by scene and condition. A scene without records has an empty
-            # dictionary.
+            # Collect the records of this method, by scene and condition. For a scene without records, the
+            # dictionary is empty.
             of_scenes = {scene: of_places.get(Place(dataset, scene, method), {}) for scene in scenes}
             conditions = conditions_of[method]
-            # Single values and averages, first of the conditions, then of the trained model.
+            # Add values of single scenes and averages: first for the conditions, then for the trained model.
             for condition in conditions:
                 metrics = _metrics_of(condition)
                 _add_condition(values, views, dataset, method, condition, metrics, of_scenes)
             _add_condition(values, views, dataset, method, "non_engine", ASSET_METRICS, of_scenes)
-            # Differences between conditions, and parts of the loss, per scene and on average.
+            # Add differences between conditions, and parts of the loss, per scene and on average.
             _add_gaps(gaps, dataset, method, list_gap_pairs(conditions, renderers), of_scenes)
             expected = expected_scenes(dataset, scenes)
             for scene, averaged in {**{scene: (scene,) for scene in scenes}, MEAN: expected}.items():
@@ -118,7 +121,7 @@ def collect(results: ResultSet) -> Numbers:
                     split = loss_split(metric, of_scenes, averaged)
                     if split is not None:
                         splits[SplitKey(dataset, scene, method, metric)] = split
-            # Ratios of frame rates.
+            # Add the ratios of frame rates.
             for standard, dedicated in list_ratio_pairs(conditions, renderers):
                 for pair in ((standard, dedicated), (dedicated, "non_engine")):
                     ratios[RatioKey(dataset, method, *pair)] = slowdown(of_scenes, expected, *pair)
@@ -132,7 +135,7 @@ def collect(results: ResultSet) -> Numbers:
 
 
 def _find_renderers(of_places: Mapping[Place, Mapping[str, Result]]) -> dict[str, str]:
-    """Return the renderer of each condition on a dataset: an engine, OpenCL, NumPy, or native code."""
+    """Return the renderer's name for each condition: an engine, OpenCL, NumPy, or native code."""
     names: dict[str, dict[str, None]] = {}
     for conditions in of_places.values():
         for condition, result in conditions.items():
@@ -146,7 +149,10 @@ def _find_renderers(of_places: Mapping[Place, Mapping[str, Result]]) -> dict[str
 
 
 def _collect_views(records: Mapping[Place, Mapping[str, Result]]) -> dict[Key, dict[str, float]]:
-    """Return the values of all views, for each image metric that every view of a record has."""
+    """Return the values of all views for each image metric.
+
+    Metrics without a value for every view are omitted.
+    """
     return {
         Key(*place, condition, metric): values
         for place, conditions in records.items()
@@ -157,7 +163,7 @@ def _collect_views(records: Mapping[Place, Mapping[str, Result]]) -> dict[Key, d
 
 
 def _sort_names(names: Iterable[str], first: Iterable[str]) -> list[str]:
-    """Return `names` sorted: first those in `first`, in that order, then the others in natural order."""
+    """Return `names` in the order of `first`. All other names follow in natural order."""
     order = list(first)
 
     def rank(name: str) -> tuple[int, list[Any]]:
@@ -168,7 +174,7 @@ def _sort_names(names: Iterable[str], first: Iterable[str]) -> list[str]:
 
 
 def _list_conditions(of_places: Mapping[Place, Mapping[str, Result]]) -> dict[str, list[str]]:
-    """Return the conditions of each method on a dataset: conditions with records, and unsupported ones."""
+    """For each method on a dataset, return the recorded conditions and the unsupported conditions."""
     recorded: dict[str, set[str]] = {}
     for place, conditions in of_places.items():
         recorded.setdefault(place.method, set()).update(conditions)
@@ -180,7 +186,7 @@ def _list_conditions(of_places: Mapping[Place, Mapping[str, Result]]) -> dict[st
 
 
 def _why_unsupported(method: str, condition: str) -> str | None:
-    """Return why a method does not support the tier of a condition; None if it does."""
+    """Return the reason if a method does not support the tier of a condition, else None."""
     definition = METHODS.get(method)
     tier = condition.partition("/")[0]
     if definition is None or tier not in ("dedicated", "standard"):
@@ -189,7 +195,7 @@ def _why_unsupported(method: str, condition: str) -> str | None:
 
 
 def _metrics_of(condition: str) -> tuple[str, ...]:
-    """Return the metrics of a condition, without metrics of the trained model."""
+    """Return the names of all metrics of a condition, except metrics of the trained model."""
     metrics = (*AUDITED, *_OF_MESH) if condition == "exported_mesh" else (*QUALITY, *_DRAWN)
     return (*metrics, *_OF_MESH, *_OF_BAKE) if condition.startswith(f"{BAKED}/") else metrics
 
@@ -205,7 +211,7 @@ def _add_condition(
 ) -> None:
     """Add the numbers of a condition to `values`: values of single scenes, and averages."""
     for metric in metrics:
-        # Single scenes, with the confidence interval over their views.
+        # Add the values of single scenes, with the confidence interval over their views.
         numbers = {}
         for scene, conditions in of_scenes.items():
             of_asset = metric in ASSET_METRICS
@@ -222,7 +228,7 @@ def _add_condition(
                 if scene in expected
             }
             values[Key(dataset, FLOOR, method, condition, metric)] = _average(floors, expected)
-        # Averages over groups of scenes and over all of them.
+        # Add averages over groups of scenes and over all scenes.
         for name, members in {**scene_groups(dataset), MEAN: expected}.items():
             of_group = {scene: number for scene, number in numbers.items() if scene in members}
             if of_group:
@@ -232,7 +238,10 @@ def _add_condition(
 
 
 def _floor_number(metric: str, result: Result | None, number: Number) -> Number:
-    """Return the cost of a single triangle, or `number` if that (the cost of the mesh) has no value."""
+    """Return the cost of a single triangle.
+
+    If the cost `number` of the mesh is missing, return `number`.
+    """
     if number.value is None:
         return number
     if result is None or result.floor is None:
@@ -242,7 +251,10 @@ def _floor_number(metric: str, result: Result | None, number: Number) -> Number:
 
 
 def _with_interval(number: Number, keys: Sequence[Key], views: Mapping[Key, Mapping[str, float]]) -> Number:
-    """Return `number` with the confidence interval of the mean over the views at `keys`, without p value."""
+    """Add a confidence interval to `number`, without a p value.
+
+    The interval describes the mean over the views at `keys`.
+    """
     if number.value is None or keys[0].metric not in QUALITY:
         return number
     mean = interval([list(views[key].values()) for key in keys if key in views])
@@ -250,7 +262,10 @@ def _with_interval(number: Number, keys: Sequence[Key], views: Mapping[Key, Mapp
 
 
 def _find_asset_record(conditions: Mapping[str, Result], metric: str) -> Result | None:
-    """Return a record with a metric of the trained model, or else a record that says why it is missing."""
+    """Return a record with a value of a metric of the trained model.
+
+    If no such record exists, return a record that explains the missing value.
+    """
     for result in conditions.values():
         if METRICS[metric].get(result) is not None:
             return result
@@ -259,7 +274,7 @@ def _find_asset_record(conditions: Mapping[str, Result], metric: str) -> Result 
 
 
 def _make_number(metric: str, method: str, condition: str, result: Result | None) -> Number:
-    """Return the value of a metric in a record, or a number without value that gives the reason."""
+    """Return the value of a metric in a record. If the value is missing, the result gives the reason."""
     if result is None:
         why = _why_unsupported(method, condition)
         return Number(None, NOT_AVAILABLE, NOT_RUN) if why is None else Number(None, NOT_SUPPORTED, why)
@@ -277,7 +292,7 @@ def _make_number(metric: str, method: str, condition: str, result: Result | None
 
 
 def _why_missing(metric: str, result: Result) -> str:
-    """Return why a finished record has no value of a metric."""
+    """Return the reason that a finished record has no value of a metric."""
     part = "quality" if metric in QUALITY else _REASON_KEYS.get(metric)
     measured_elsewhere = "renderer_timing" if metric in ("fps", "memory") else part
     for name in (part, measured_elsewhere):
@@ -305,7 +320,7 @@ def _why_missing(metric: str, result: Result) -> str:
 
 
 def _notes_on(metric: str, result: Result) -> Iterable[str]:
-    """Yield footnotes on the value of a metric in a record."""
+    """Yield the footnotes on the value of a metric in a record."""
     part = "quality" if metric in QUALITY else _REASON_KEYS.get(metric)
     if part == "quality":
         if result.renderer is not None and result.renderer.kind == "msb_reference":
@@ -339,7 +354,7 @@ def _notes_on(metric: str, result: Result) -> Iterable[str]:
 
 
 def _average(numbers: Mapping[str, Number], members: Iterable[str]) -> Number:
-    """Return the mean over the scenes `members` of `numbers` (by scene), with the notes of all numbers."""
+    """Return the mean of `numbers` over the scenes `members`, with all notes of the numbers."""
     mean = mean_over({scene: number.value for scene, number in numbers.items()}, members)
     if mean.value is not None:
         notes = dict.fromkeys(note for number in numbers.values() for note in number.notes)
@@ -348,7 +363,7 @@ def _average(numbers: Mapping[str, Number], members: Iterable[str]) -> Number:
             named = ", ".join(map(scene_title, scenes))
             notes[f"({mean.present}/{mean.expected}): mean over {named} only"] = None
         return Number(mean.value, present=mean.present, expected=mean.expected, notes=tuple(notes))
-    # If no scene has a value, give the most frequent reason.
+    # If no scene has a value, the result has the most frequent reason.
     kinds = [number.absent for number in numbers.values()]
     if all(kind == NOT_SUPPORTED for kind in kinds):
         absent = NOT_SUPPORTED
@@ -366,10 +381,10 @@ def _add_gaps(
     pairs: Sequence[tuple[str, str]],
     of_scenes: Mapping[str, Mapping[str, Result]],
 ) -> None:
-    """Add the quality gaps of a method to `gaps`, for each pair (standard, dedicated) of conditions."""
+    """Compute the quality gaps of a method for each pair of conditions, and add them to `gaps`."""
     expected = expected_scenes(dataset, of_scenes)
     for pair in pairs:
-        # The records by tier instead of by condition.
+        # Collect the records by tier instead of by condition.
         named = dict(zip(("non_engine", "standard", "dedicated"), ("non_engine", *pair), strict=True))
         compared = {
             scene: {
@@ -386,10 +401,11 @@ def _add_gaps(
 def _add_setup_notes(
     values: Mapping[Key, Number], records: Mapping[Place, Mapping[str, Result]]
 ) -> dict[Key, Number]:
-    """Return `values` with notes on image metrics if the setup differs between methods."""
+    """Add notes to image metrics if the setups of the methods differ, and return the new values."""
     setups: dict[Place, dict[str, str]] = {}
     counts: dict[tuple[str, ...], Counter[str]] = defaultdict(Counter)
-    # Notes by (dataset, method) or (dataset, scene, method). The dictionaries keep notes unique and in order.
+    # Collect the notes of each method on a dataset or on a single scene. Dictionaries keep the notes unique
+    # and in order.
     notes: dict[tuple[str, ...], dict[str, None]] = defaultdict(dict)
     for place, conditions in records.items():
         if setup := next(filter(None, map(_describe_setup, conditions.values())), None):
@@ -397,7 +413,7 @@ def _add_setup_notes(
             for what, value in setup.items():
                 counts[place.dataset, place.scene, what][value] += 1
         for text in (text for result in conditions.values() for text in result.trained):
-            # A scene and the average get the same text, so that a table prints the note once.
+            # Use the same text for a scene and for the average, so that a table prints the note once.
             for row in (place.scene, MEAN):
                 notes[place.dataset, row, place.method][f"{place.scene}: {text}"] = None
     for place, setup in setups.items():
@@ -417,7 +433,10 @@ def _add_setup_notes(
 
 
 def _describe_setup(result: Result) -> dict[str, str] | None:
-    """Return the parts of a setup that must be equal for a fair comparison of two methods, in words."""
+    """Return the properties of a setup as text.
+
+    The properties must be equal for a fair comparison of two methods.
+    """
     if result.setup is None:
         return None
     images = () if result.quality is None else result.quality.images

@@ -1,4 +1,4 @@
-"""Renderings of a test view side by side: the choice of views, and small JPEG images of them."""
+"""Choose test views, and show their renderings side by side as small JPEG images."""
 
 import base64
 import io
@@ -21,22 +21,22 @@ from msb.report.results import LoadedResult, Place, ResultSet
 from msb.report.safe_names import plain_text, slug
 
 GROUND_TRUTH = "Ground truth"
-# Maximum width of the images in pixels, and JPEG quality. With these values a page with tens of images takes
-# a few megabytes.
+# Maximum width of the images in pixels, and JPEG quality. A page with tens of such images takes a few
+# megabytes.
 _WIDTH = 480
 _QUALITY = 85
-# Images above 64 megapixels are not opened, because a record could claim any size.
+# Do not open images above 64 megapixels, because a record can claim any size.
 _MAX_PIXELS = 1 << 26
 
 
 def data_uri(kind: str, data: bytes) -> str:
-    """Return `data` as an address that a page can embed; `kind` is its MIME type."""
+    """Return `data` as an address that a page can embed. `kind` is the MIME type of the data."""
     return f"data:{kind};base64,{base64.b64encode(data).decode()}"
 
 
 @dataclass(frozen=True)
 class JpegImage:
-    """A JPEG: its file name in the report's folder ``images``, and its bytes."""
+    """A JPEG image: its file name in the report's folder ``images``, and its bytes."""
 
     name: str
     data: bytes
@@ -56,11 +56,11 @@ class Rendering:
     heading : str
         The condition.
     psnr : float or None
-        In dB; None if the rendering equals the ground truth.
+        PSNR in dB; None if the rendering equals the ground truth.
     image : JpegImage or None
-        None if the file is missing or has changed since its comparison with the ground truth.
+        The image; None if the file is missing or has changed since its comparison with the ground truth.
     changed : Path or None
-        The file, if it has changed since then.
+        The file of the rendering, if it has changed since the comparison.
     """
 
     heading: str
@@ -71,9 +71,9 @@ class Rendering:
 
 @dataclass(frozen=True)
 class ComparedView:
-    """A test view: its photograph, and each method's renderings under all conditions.
+    """A test view, with its photograph and the renderings of each method under all conditions.
 
-    `why` explains the choice of the view, such as "the largest loss". `renderings` holds the renderings of
+    `why` explains the choice of the view, such as "the largest loss". `renderings` contains the renderings of
     each method.
     """
 
@@ -86,13 +86,13 @@ class ComparedView:
 
     @property
     def images(self) -> list[JpegImage]:
-        """All images that exist."""
+        """All existing images of the view."""
         images = (rendering.image for row in self.renderings.values() for rendering in row)
         return [image for image in (self.ground_truth, *images) if image is not None]
 
     @property
     def headings(self) -> list[str]:
-        """The conditions of all renderings."""
+        """The conditions of all renderings of the view."""
         return list(dict.fromkeys(rendering.heading for row in self.renderings.values() for rendering in row))
 
     @property
@@ -112,11 +112,11 @@ def select_views(
     ----------
     results : ResultSet
     places : sequence of Place
-        Assets of a single dataset.
+        Assets of one dataset.
     chosen : sequence of str
         "SCENE/IMAGE", as in the records.
     """
-    # PSNR loss in dB, asset and view, for every view that was rendered under two conditions.
+    # For every view, collect the PSNR loss in dB between two conditions, the asset and the view.
     losses = [(loss, place, view) for place in places for view, loss in _find_losses(results, place).items()]
     selected: dict[tuple[str, str], str] = {}
     if losses:
@@ -144,7 +144,7 @@ def view_names(results: ResultSet, place: Place) -> set[str]:
 
 
 def _find_losses(results: ResultSet, place: Place) -> dict[str, float]:
-    """Return the PSNR loss of each view in dB, from the first to the last condition with images."""
+    """Return the PSNR loss in dB of each view, between the first and the last condition with images."""
     loaded = (results.places[place].get(condition) for condition in DRAWN_CONDITIONS)
     with_images = [record for record in loaded if record and record.result.quality]
     if len(with_images) < 2:
@@ -179,14 +179,17 @@ def _make_view(results: ResultSet, places: Sequence[Place], view: str, why: str)
 
 
 def _make_rendering(loaded: LoadedResult, condition: str, compared: ImageQuality, name: str) -> Rendering:
-    """Return a rendering, without its image if the file has changed since its comparison."""
+    """Return a rendering. If the file has changed since its comparison, the image is left out."""
     changed = loaded.changed_file(compared)
     image = None if changed else _read_image(loaded.file(compared.file), compared, name)
     return Rendering(condition_title(condition), compared.values["psnr"], image, changed)
 
 
 def _read_image(path: Path | None, compared: ImageQuality, name: str) -> JpegImage | None:
-    """Return an image file as a small JPEG called `name`, or None if its size is not the recorded size."""
+    """Return an image file as a small JPEG called `name`.
+
+    If the size of the image differs from the record, return None.
+    """
     if path is None or compared.width * compared.height > _MAX_PIXELS:
         return None
     from PIL import Image
@@ -196,7 +199,7 @@ def _read_image(path: Path | None, compared: ImageQuality, name: str) -> JpegIma
             if file.size != (compared.width, compared.height):
                 return None
             small = file.convert("RGB")
-    except (OSError, ValueError, SyntaxError):  # Pillow's errors for files that are not images
+    except (OSError, ValueError, SyntaxError):  # Pillow raises these errors for files that are not images
         return None
     if small.width > _WIDTH:
         small = small.resize((_WIDTH, round(small.height * _WIDTH / small.width)), Image.Resampling.LANCZOS)

@@ -1,7 +1,8 @@
 """Charts as SVG and PDF: gaps and their parts, quality against speed, differences from published results.
 
-Colour-blind readers can distinguish the colours (palette of Okabe and Ito). Markers, line styles and hatches
-carry the same information. Text and axes take the text colour of the page that embeds them.
+Colour-blind readers can distinguish the colours, which are from the palette of Okabe and Ito. Markers, line
+styles and hatches repeat the information of the colours. Text and axes have the text colour of the
+surrounding page.
 """
 
 from __future__ import annotations
@@ -50,21 +51,22 @@ _LINES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8
 _HATCHES = ("", "//", "xx", "..")
 _CONDITION_MARKERS = {"non_engine": "*", "dedicated": "s", "standard": "^"}
 _VARIANT_MARKERS = ("D", "P", "X", "v")
-# Placeholders for the colours of text and page, which are replaced when the figure is embedded or saved.
+# Placeholders for the text and page colours, which are replaced when the figure is embedded or saved.
 _INK, _PAPER = "#010203", "#fdfcfb"
 # Width and height of a chart in inches, about the width of a phone's screen.
 _SIZE = (4.6, 3.3)
-# Width of a sheet of images (the text width of a paper) and height of a row's labels, in inches.
+# Width of a sheet of images (the text width of a paper), and height of row labels, in inches.
 _SHEET_WIDTH, _LABEL_HEIGHT = 7.0, 0.2
-# A legend with more rows than this makes the chart taller, by `_ROW_HEIGHT` inches for each further row.
+# Number of legend rows that fit without extra space. Each further row makes the chart taller by `_ROW_HEIGHT`
+# inches.
 _LEGEND_ROWS, _ROW_HEIGHT = 4, 0.19
-# Minimum number of bars for which a chart has room, so that a single bar does not fill it.
+# Minimum number of bars that a chart has space for, so that a single bar does not fill the chart.
 _MIN_BARS = 3
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One chart: `name` is its file name and anchor, and `draw` returns the file in a given format."""
+    """One chart: `name` is its file name and anchor, and `draw` returns the file in a requested format."""
 
     name: str
     caption: str
@@ -73,7 +75,7 @@ class Figure:
     @cached_property
     def svg(self) -> str:
         """The SVG with placeholders for the colours of text and page."""
-        # Add a prefix to identifiers, so that two figures in the same page never share an identifier.
+        # Add a prefix to identifiers, so that figures in one page never share an identifier.
         return re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{self.name}-", self.draw("svg").decode())
 
     def pdf(self) -> bytes:
@@ -82,7 +84,7 @@ class Figure:
 
     @property
     def inline(self) -> str:
-        """The SVG as an element of a page, in the colours of the surrounding text."""
+        """The SVG as an element of a page, drawn in the colours of the surrounding text."""
         body = self.svg[self.svg.index("<svg") :]
         return body.replace(_INK, "currentColor").replace(_PAPER, "none")
 
@@ -93,7 +95,7 @@ class Figure:
 
 
 def make_figures(numbers: Numbers, paper: Numbers | None = None) -> list[Figure]:
-    """Return all charts that have numbers."""
+    """Return the charts of all datasets. Charts without numbers are omitted."""
     charts = []
     for dataset in numbers.datasets():
         charts += [plot_deployment_gap(numbers, dataset), plot_loss_split(numbers, dataset)]
@@ -107,9 +109,9 @@ def make_figures(numbers: Numbers, paper: Numbers | None = None) -> list[Figure]
 def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
     """Return the chart of PSNR under Non-Engine, Dedicated and Standard, with a line per method.
 
-    Returns None if no method has values of two conditions.
+    The result is None if no method has values of two conditions.
     """
-    # For each method with a dedicated tier or a variant: its points (condition number, PSNR in dB).
+    # For each method, collect the points (condition number, PSNR in dB) of its line.
     lines = {
         (method, dedicated): points
         for dedicated in ("dedicated", *numbers.variants(dataset, "dedicated"))
@@ -126,7 +128,7 @@ def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
     def draw(axes: Axes) -> None:
         for (method, dedicated), points in lines.items():
             style = dict(styles[method])
-            # A variant has the method's line, but thinner and with open markers.
+            # The line of a variant has the style of its method, but is thinner and has open markers.
             if name := dedicated.partition("/")[2]:
                 style |= {"linewidth": 0.9, "markerfacecolor": "none", "markeredgecolor": style["color"]}
                 style |= {"marker": markers[dedicated], "label": f"{style['label']}, {plain_text(name)}"}
@@ -147,10 +149,12 @@ def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
 
 
 def _condition_means(numbers: Numbers, dataset: str, method: str, dedicated: str) -> list[tuple[int, float]]:
-    """Return pairs (condition number, mean PSNR in dB); means are over the scenes that all conditions have.
+    """Return pairs (condition number, mean PSNR in dB).
 
-    The difference of two points is a gap only if both means are over the same scenes. The paper prints means
-    only, so its numbers are used unchanged.
+    The means are averages over the scenes that all conditions have.
+
+    Two points can be compared only if both means are over the same scenes. The paper prints only means, so
+    its numbers are used unchanged.
     """
     through = [dedicated if condition == "dedicated" else condition for condition in DRAWN_CONDITIONS]
     means = [numbers.value(Key(dataset, MEAN, method, condition, "psnr")) for condition in through]
@@ -175,10 +179,10 @@ def _condition_means(numbers: Numbers, dataset: str, method: str, dedicated: str
 def plot_loss_split(numbers: Numbers, dataset: str) -> Figure | None:
     """Return the chart of the parts of the loss, or None without bakes.
 
-    The bar of a method reaches from the PSNR of Standard to that of Dedicated. The parts of the bar are the
+    Each method's bar extends from the PSNR of Standard to the PSNR of Dedicated. The parts of the bar are the
     losses due to colours, faces and blending.
     """
-    # Method -> the steps of its loss, each with the PSNR in dB at the better and at the worse end.
+    # For each method, list the parts of its loss: the name, and the PSNR in dB at both ends.
     bars = {
         method: [(name, *gap.ends) for name, gap in split.steps.items() if gap.ends is not None]
         for method in numbers.methods(dataset)
@@ -195,7 +199,7 @@ def plot_loss_split(numbers: Numbers, dataset: str) -> Figure | None:
                 step = STEPS.index(name)
                 axes.barh(place, better - worse, 0.5, worse, color=_COLORS[step], hatch=_HATCHES[step],
                           edgecolor=_INK, linewidth=0.6, alpha=0.85, label=STEP_TITLES[name])  # fmt: skip
-            # Ticks mark both ends of every part, because a gain covers the part below it.
+            # Draw a tick at both ends of every part, because a gain is drawn over the part before it.
             ends = [parts[0][2], *(better for _, better, _ in parts)]
             axes.plot(ends, [place] * len(ends), color=_INK, marker="|", markersize=16, linestyle="none")
         axes.set_yticks(range(len(bars)), [method_title(method) for method in bars])
@@ -209,18 +213,18 @@ def plot_loss_split(numbers: Numbers, dataset: str) -> Figure | None:
 
     caption = (
         "parts of the loss from Dedicated to Standard. From left to right: Standard, the same triangles "
-        "with the best static colours, the best bake with other triangles, Dedicated. A part that runs to "
+        "with the best static colours, the best bake with other triangles, Dedicated. A part that extends to "
         "the left is a gain. A method without Standard starts at the second point."
     )
     return _make_figure("loss_split", dataset, caption, draw, _list_other_scenes(numbers, dataset))
 
 
 def plot_quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
-    """Return the chart of PSNR against frames per second, with a marker per condition and method.
+    """Return the chart of PSNR against frames per second, with a marker for each condition and method.
 
-    Returns None if there are fewer than two points.
+    The result is None if the chart would have fewer than two points.
     """
-    # Method -> condition, frames per second, and PSNR in dB.
+    # For each method, list its points: condition, frames per second and PSNR in dB.
     points: dict[str, list[tuple[str, float, float]]] = {}
     conditions = [
         name for name in numbers.conditions(dataset) if not name.startswith(("standard/", f"{BAKED}/"))
@@ -274,8 +278,8 @@ def plot_quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
 def plot_differences(pairs: Sequence[PublishedPair], dataset: str) -> Figure | None:
     """Return the bar chart of our PSNR minus the published PSNR, or None without published values.
 
-    If values of single scenes are published, each scene has a bar. Otherwise each method has a bar for its
-    mean over scenes.
+    If values of single scenes are published, each scene has a bar. If only means are published, each method
+    has one bar.
     """
     of_dataset = [
         pair
@@ -300,7 +304,7 @@ def plot_differences(pairs: Sequence[PublishedPair], dataset: str) -> Figure | N
     series = list(dict.fromkeys(map(series_name, drawn)))
 
     def draw(axes: Axes) -> None:
-        # The bars of a group stand side by side and fill 80 % of its width.
+        # The bars of a group are side by side and fill 80 % of the width of the group.
         width = 0.8 / len(series)
         for place, name in enumerate(series):
             bars = [pair for pair in drawn if series_name(pair) == name]
@@ -315,7 +319,7 @@ def plot_differences(pairs: Sequence[PublishedPair], dataset: str) -> Figure | N
                 hatch=_HATCHES[place % len(_HATCHES)],
             )
         axes.axhline(0, color=_INK, linewidth=0.8)
-        # Long labels are rotated: 40 characters fit below the axis.
+        # Long labels are rotated, because only 40 characters fit below the axis.
         rotated: dict[str, Any] = {"rotation": 30, "ha": "right"} if sum(map(len, groups)) > 40 else {}
         axes.set_xticks(range(len(groups)), groups, **rotated)
         axes.set_ylabel("PSNR difference (dB)")
@@ -331,15 +335,15 @@ def plot_differences(pairs: Sequence[PublishedPair], dataset: str) -> Figure | N
 def _choose_styles(numbers: Numbers) -> dict[str, dict[str, Any]]:
     """Return the line style of each method or model label.
 
-    Styles differ from each other and agree in all charts.
+    Styles differ between methods and agree in all charts.
 
-    A built-in method has the same style in every report. Labels and methods of other packages follow.
+    A built-in method has the same style in every report. Labels and methods of other packages follow after
+    the built-in methods.
     """
     models = [method for dataset in numbers.datasets() for method in numbers.methods(dataset)]
     styles = {}
     for place, method in enumerate(dict.fromkeys([*METHODS, *models])):
-        # After each pass through the colours, markers and lines are shifted, so that combinations do not
-        # repeat.
+        # When all colours are used, markers and line styles are shifted, so that combinations do not repeat.
         round_, color = divmod(place, len(_COLORS))
         styles[method] = {
             "color": _COLORS[color],
@@ -359,9 +363,12 @@ def _choose_variant_markers(numbers: Numbers, dataset: str) -> dict[str, str]:
 
 
 def _draw_legend(axes: Axes, handles: Sequence[Any] = ()) -> None:
-    """Draw a legend of `handles` (default: all) below the chart. A long legend makes the chart taller."""
+    """Draw a legend below the chart. `handles` are the entries of the legend (default: all).
+
+    A long legend makes the chart taller.
+    """
     handles = handles or axes.get_legend_handles_labels()[0]
-    figure: Any = axes.figure  # matplotlib's types allow a subfigure here, but it is always a figure
+    figure: Any = axes.figure  # matplotlib's types allow a subfigure, but here it is always a figure
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 2), frameon=False)
     rows = (len(handles) + 1) // 2
     width, height = _SIZE
@@ -369,7 +376,7 @@ def _draw_legend(axes: Axes, handles: Sequence[Any] = ()) -> None:
 
 
 def _list_other_scenes(numbers: Numbers, dataset: str) -> str:
-    """Return the first scenes of a dataset as text if it shares only its name with a published one."""
+    """Return the first scenes of a dataset that has a published name but other scenes."""
     if not numbers.has_other_scenes(dataset):
         return ""
     scenes = list(map(scene_title, numbers.scenes(dataset)))
@@ -442,22 +449,22 @@ def _write_chart(title: str, draw: Callable[[Axes], None], form: Literal["svg", 
 def _write_canvas(
     form: Literal["svg", "pdf"], size: tuple[float, float], lay_out: Callable[[Canvas], None]
 ) -> bytes:
-    """Return the bytes of a file with what `lay_out` draws; equal content gives equal bytes."""
-    # hides warnings about a cache that cannot be written
+    """Draw with `lay_out`, and return the bytes of the file. Equal drawings give equal bytes."""
+    # hide warnings about a cache that cannot be written
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     need_extra("bench", "matplotlib", what="a figure")
     from matplotlib import rc_context
     from matplotlib.figure import Figure as Canvas
 
-    # Settings for the colours of text and lines, and for the colours of backgrounds. They get the
-    # placeholders.
+    # Settings for the colours of text and lines, and for background colours. The settings contain the
+    # placeholder colours.
     inked = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color", "grid.color")
     faces = ("figure.facecolor", "axes.facecolor", "savefig.facecolor")
     settings = {
         "svg.fonttype": "none",
         "svg.hashsalt": "msb",
-        "pdf.fonttype": 42,  # TrueType fonts; publishers reject the default, Type 3
-        "text.parse_math": False,  # scene names can contain dollar signs
+        "pdf.fonttype": 42,  # TrueType fonts, because publishers reject Type 3, the default.
+        "text.parse_math": False,  # Scene names can contain dollar signs.
         "font.family": "sans-serif",
         "font.size": 9,
         "axes.grid": True,

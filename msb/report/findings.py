@@ -1,4 +1,4 @@
-"""Findings: sentences about the numbers of a report, with the label of the table that holds them."""
+"""Findings: sentences about the numbers of a report. Each finding names the table with its numbers."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -34,15 +34,15 @@ from msb.report.safe_names import plain_text, slug
 from msb.report.table import NOT_SUPPORTED
 from msb.report.tables.bakes import STEP_TITLES
 
-# Maximum number of findings: readers skip longer lists.
+# Maximum number of findings, because readers skip longer lists.
 _MAX_FINDINGS = 12
 # Kinds of findings that are kept even if there are more than `_MAX_FINDINGS`.
 _ALWAYS_KEPT = ("slowdown", "engine_slowdown", "walk", "structure", "training", "unsupported")
-# Kinds of findings that come last, because they are expected or not about deployment.
+# Kinds of findings that are listed last. Such findings are expected, or do not concern deployment.
 _MINOR = ("monotone", "same_ranking", "training", "unsupported")
 # A PSNR difference below this value, in dB, is printed as 0.00.
 _MIN_DIFFERENCE = 0.005
-# Further metrics in which a method can be the best, with the condition under which they are compared.
+# Metrics of cost, and the condition under which methods are compared in each metric.
 _COSTS = {
     "chamfer": "non_engine",
     "fps": "dedicated",
@@ -56,7 +56,7 @@ _GAPS: dict[GapName, str] = {"adapt": "adaptation", "port": "portability", "depl
 
 @dataclass(frozen=True)
 class Finding:
-    """One or more sentences; `kind` is their topic, `table` the label of the table with the numbers."""
+    """One or more sentences. `kind` is the topic, and `table` is the label of the table with the numbers."""
 
     kind: str
     sentence: str
@@ -64,7 +64,7 @@ class Finding:
 
 
 class _Case(NamedTuple):
-    """A value of a method on a dataset, with its text for a sentence. Cases sort by value."""
+    """A value of a method on a dataset, with the text that describes the value. Cases are sorted by value."""
 
     value: float
     dataset: str
@@ -82,13 +82,13 @@ def _format_pair(dataset: str, method: str) -> str:
 
 
 def _format_condition(condition: str) -> str:
-    """Return the name of a condition within a sentence, such as "Dedicated" or "Dedicated (coarse)"."""
+    """Return the name of a condition for a sentence, such as "Dedicated" or "Dedicated (coarse)"."""
     title, _, variant = condition_title(condition).partition(", ")
     return f"{title} ({variant})" if variant else title
 
 
 def _format_all(count: int, noun: str = "combination", of: str = "method and dataset") -> str:
-    """Return "the only", "both" or "all 3" with a noun (in the singular) and its complement."""
+    """Return "the only", "both" or "all 3", followed by the noun phrase."""
     if count == 1:
         return f"the only {noun} of {of}"
     return f"{'both' if count == 2 else f'all {count}'} {noun}s of {of}"
@@ -102,9 +102,9 @@ def join_words(words: Sequence[str]) -> str:
 def _collect_means(
     numbers: Numbers, metric: str, detail: Callable[[Key, float], str], without: str = ""
 ) -> list[_Case]:
-    """Return all measured averages of a metric, except averages that carry the note `without`.
+    """Return all measured averages of a metric. Averages with the note `without` are omitted.
 
-    `detail` turns a value into the text of a case.
+    The function `detail` returns the text for a value.
     """
     return [
         _Case(number.value, key.dataset, key.method, detail(key, number.value))
@@ -116,7 +116,7 @@ def _collect_means(
 
 
 def _describe_significance(difference: Interval | None) -> str:
-    """Return the t test of a difference as text, or why it was not tested; "" if there is no difference."""
+    """Return the t test of a difference as text, or why it was not tested; "" without a difference."""
     if difference is None:
         return ""
     if difference.p is None:
@@ -126,9 +126,9 @@ def _describe_significance(difference: Interval | None) -> str:
 
 
 def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Finding]:
-    """Return at most twelve findings, the most important first.
+    """Return at most twelve findings, the most important finding first.
 
-    `first` are further findings that precede all others. The kinds in `_ALWAYS_KEPT` are never dropped.
+    `first` contains further findings that precede all others. The kinds in `_ALWAYS_KEPT` are never dropped.
     """
     findings = [
         *first,
@@ -144,7 +144,7 @@ def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Fin
         *_structure_findings(numbers),
         *_unsupported_findings(numbers),
     ]
-    # The sort is stable. Minor findings move to the end, and all others keep the order above.
+    # The sort is stable. Move minor findings to the end, and keep the order of all other findings.
     findings.sort(key=lambda finding: finding.kind in _MINOR)
     optional = [finding for finding in findings if finding.kind not in _ALWAYS_KEPT]
     dropped = optional[max(0, _MAX_FINDINGS - (len(findings) - len(optional))) :]
@@ -152,12 +152,15 @@ def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Fin
 
 
 def _gap_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the largest and smallest value of each PSNR gap, also of the adaptation gap to each variant."""
+    """Yield the largest and the smallest value of each PSNR gap.
+
+    For a variant, the only gap is the adaptation gap.
+    """
     variants = dict.fromkeys(key.dedicated for key in numbers.gaps if key.dedicated != "dedicated")
     for dedicated in ("dedicated", *variants):
         for name, word in _GAPS.items():
             if dedicated != "dedicated" and name != "adapt":
-                continue  # the other two gaps end at Standard, which variants do not change
+                continue  # variants do not change the other two gaps
             cases = list(_gap_cases(numbers, name, dedicated))
             if cases:
                 ends = (dedicated if end == "dedicated" else end for end in PAIRS[name])
@@ -168,7 +171,7 @@ def _gap_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _describe_extremes(cases: list[_Case], word: str, start: str, end: str) -> str:
-    """Return sentences on the largest and the smallest loss in `cases`, the gaps between two conditions."""
+    """Return sentences on the largest and the smallest loss in `cases`."""
     first, last = max(cases), min(cases)
     count = f"{len(cases)} combinations of method and dataset"
     if max(abs(case.value) for case in cases) < _MIN_DIFFERENCE:
@@ -187,7 +190,7 @@ def _describe_extremes(cases: list[_Case], word: str, start: str, end: str) -> s
 
 
 def _describe_reference(numbers: Numbers, cases: list[_Case]) -> str:
-    """Return a sentence if Non-Engine was not rendered by the methods' own code, else ""."""
+    """Return a sentence if Non-Engine was not rendered by the methods' official code, else ""."""
     notes = [
         numbers.number(Key(case.dataset, MEAN, case.method, "non_engine", "psnr")).notes for case in cases
     ]
@@ -224,7 +227,7 @@ def _describe_gap(gap: Gap, signed: float, ends: tuple[float, float]) -> str:
 
 
 def _split_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the parts of the largest loss from Dedicated to Standard, and the share that bakes recover."""
+    """Yield the parts of the largest loss from Dedicated to Standard, and the loss that bakes recover."""
     cases = []
     for key, split in numbers.splits.items():
         steps = {name: gap.signed for name, gap in split.steps.items() if gap.signed is not None}
@@ -232,7 +235,8 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
             continue
         if split.total is None or split.total.signed is None:
             continue
-        # The fitted bake may be worse than the ceiling. The recovered loss in dB is that of the better bake.
+        # The fitted bake may be worse than the ceiling bake. Use the better bake to compute the recovered
+        # loss in dB.
         recovered = max(accumulate(loss for name, loss in steps.items() if name != "blending"))
         cases.append((split.total.signed, recovered, key))
     if not cases:
@@ -242,7 +246,7 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
     split = numbers.splits[key]
     parts = []
     for name, gap in split.steps.items():
-        # Two steps without a bake between them form one part.
+        # Two steps that no bake separates form one part.
         names = [step for step, outer in split.within.items() if outer == name]
         title = " and ".join(STEP_TITLES[step].lower() for step in (*names, name))
         parts.append(f"{title} {format_digits(gap.signed or 0.0, 2)} dB")
@@ -256,7 +260,7 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
         low, high = min(shares), max(shares)
         sentence += (
             f" For {len(shares)} combinations of method and dataset with such a loss, baking recovers "
-            f"{low:.0f} to {high:.0f} % of it."
+            f"{low:.0f} to {high:.0f} % of the loss."
         )
     elif shares:
         sentence += f" Baking recovers {shares[0]:.0f} % of this loss."
@@ -264,7 +268,7 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the cases in which Dedicated does not lie between Non-Engine and Standard."""
+    """Yield the cases in which the value of Dedicated is not between Non-Engine and Standard."""
     comparable = [
         (key, gaps)
         for key, gaps in numbers.gaps.items()
@@ -298,8 +302,8 @@ def _describe_not_monotone(
     Parameters
     ----------
     broken : dict
-        (dataset, method, condition) -> gaps of the metrics that are not monotone. The condition is Dedicated
-        or one of its variants.
+        The gaps of the metrics that are not monotone, by (dataset, method, condition). The condition is
+        Dedicated or one of its variants.
     total : int
         Number of comparable (dataset, method) pairs.
     """
@@ -307,8 +311,8 @@ def _describe_not_monotone(
     def excess(place: tuple[str, str, str]) -> float:
         return broken[place][0][1].triangle_excess or 0.0
 
-    # The sentence describes the first metric of the case with the largest excess. The sentence only names the
-    # other cases.
+    # The sentence describes the first metric of the case with the largest excess. All other cases are only
+    # named.
     first, *others = sorted(broken, key=excess, reverse=True)
     (dataset, method, dedicated), cases = first, broken[first]
     title, (key, gaps) = _format_condition(dedicated), cases[0]
@@ -336,20 +340,20 @@ def _describe_not_monotone(
 
 
 def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the changes of the PSNR ranking between conditions, and the datasets without a change."""
+    """Yield the changes of the PSNR ranking between conditions. Also yield the datasets without a change."""
     changed: dict[str, str] = {}
     unchanged: dict[str, str] = {}
     for dataset in numbers.datasets():
         conditions = [
             name for name in numbers.conditions(dataset) if not name.startswith(("standard/", f"{BAKED}/"))
         ]
-        # Pairs of conditions between which the ranking changes, by the significance of the change.
+        # For each significance text, collect the pairs of conditions with different rankings.
         changes: dict[str, list[str]] = {}
-        moved: set[str] = set()  # conditions of these pairs
+        moved: set[str] = set()  # conditions between which the ranking changes
         compared = 0
         for first, second in combinations(conditions, 2):
             if "/" in first or first.partition("/")[0] == second.partition("/")[0]:
-                continue  # a variant is only compared with Non-Engine
+                continue  # compare a variant only with Non-Engine
             before = rank_common_methods(numbers, dataset, first, second)
             after = rank_common_methods(numbers, dataset, second, first)
             if len(before) < 2:
@@ -362,7 +366,7 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
                 moved |= {first, second}
         if changes:
             pairs = "; ".join(f"{join_words(names)} ({result})" for result, names in changes.items())
-            # Conditions with the same ranking share an entry.
+            # collect conditions with equal rankings
             orders: dict[str, list[str]] = {}
             for condition in filter(moved.__contains__, conditions):
                 order = format_ranking(rank_methods(numbers, dataset, condition, "psnr"))
@@ -382,7 +386,10 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _leader_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the best method in each metric for datasets without an overall best method."""
+    """Yield the best method in each metric.
+
+    Datasets with one method that is best in every metric are skipped.
+    """
     sentences: list[str] = []
     table = ""
     for dataset in numbers.datasets():
@@ -403,7 +410,10 @@ def _leader_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _find_leaders(numbers: Numbers, dataset: str, condition: str) -> dict[str, list[str]]:
-    """Return the metrics that each method leads, with values; empty if no image quality was measured."""
+    """Return the metrics that each method leads, with values.
+
+    The result is empty if no image quality was measured.
+    """
     leaders: dict[str, list[str]] = {}
     has_images = any(rank_methods(numbers, dataset, condition, metric) for metric in QUALITY)
     for metric in (*QUALITY, *_COSTS) if has_images else ():
@@ -424,7 +434,7 @@ def _format_with_unit(metric: str, value: float) -> str:
 
 
 def _surface_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the datasets on which image quality and Chamfer distance rank the methods differently."""
+    """Yield the datasets with different rankings of the methods by image quality and by Chamfer distance."""
     for dataset in numbers.datasets():
         surfaces = rank_methods(numbers, dataset, "non_engine", "chamfer")
         orders = []
@@ -455,7 +465,7 @@ def _training_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _speed_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield ratios of frame rates: Standard to Dedicated, Dedicated to Non-Engine, and within an engine."""
+    """Yield ratios of frame rates between conditions, and between both tiers of one engine."""
     pairs = dict.fromkeys((key.numerator, key.denominator) for key in numbers.ratios)
     for above, below in (
         ("standard", "dedicated"),
@@ -501,7 +511,7 @@ def _describe_cpu(numbers: Numbers, cases: Sequence[_Case], condition: str) -> s
 
 
 def _describe_engine_loss(numbers: Numbers, standard: str, dedicated: str) -> str:
-    """Return a sentence on the PSNR loss from Dedicated to Standard in an engine that draws both tiers."""
+    """Return a sentence on the PSNR loss of Standard against Dedicated, both drawn by one engine."""
     losses = [
         gaps.port.signed
         for key, gaps in numbers.gaps.items()
@@ -575,7 +585,7 @@ def _structure_findings(numbers: Numbers) -> Iterator[Finding]:
 
 def _unsupported_findings(numbers: Numbers) -> Iterator[Finding]:
     """Yield the conditions that methods do not support."""
-    # The conditions of each method. The finding links to the table of the first dataset.
+    # Collect the conditions of each method. The finding links to the table of the first dataset.
     names: dict[str, dict[str, None]] = {}
     first = ""
     for key, number in numbers.values.items():

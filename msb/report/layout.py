@@ -1,4 +1,4 @@
-"""Lay out numbers as tables: look them up, format them, mark the best, add the paper's rows."""
+"""Arrange numbers in tables: format the numbers, mark the best values, and add rows of the paper."""
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,19 +24,19 @@ from msb.report.numbers import (
 )
 from msb.report.table import Table, TableCell, TableColumn, TableRow
 
-# Last label of the paper's rows.
+# Last label of each row with numbers of the paper.
 PAPER_ROW = "in the paper"
 
 
 @dataclass(frozen=True)
 class RowSpec:
-    """A table row before its numbers are looked up.
+    """A table row without numbers. The numbers are added later.
 
     Attributes
     ----------
     labels : tuple of str
     of : mapping of str to str
-        Fields that the row contributes to the `Key` of each of its numbers.
+        Fields that the row adds to the `Key` of each of its numbers.
     section, strong
         As in `TableRow`.
     bold : bool
@@ -60,12 +60,18 @@ _TITLES: Mapping[str, Callable[[str], str]] = {
 
 
 def titled_row(**of: str) -> RowSpec:
-    """Return a row with these key fields, such as ``condition="standard"``; their titles label the row."""
+    """Return a row with the given key fields, such as ``condition="standard"``.
+
+    The titles of the fields are the labels of the row.
+    """
     return RowSpec(tuple(_TITLES[name](value) for name, value in of.items()), of)
 
 
 def metric_columns(metrics: Iterable[str], *groups: str, **of: str) -> list[TableColumn]:
-    """Return one column per metric below the headings `groups`; `of` are further fields of the keys."""
+    """Return a column for each metric, below the headings `groups`.
+
+    The keyword arguments are further fields of the keys.
+    """
     return [TableColumn(metric_title(metric), groups, {"metric": metric, **of}) for metric in metrics]
 
 
@@ -89,26 +95,30 @@ def make_table(
     ----------
     numbers : Numbers
     paper : Numbers or None
-        The paper's numbers. Each row of ours with published counterparts gets a row of them below.
+        The paper's numbers. Below each of our rows with published counterparts, a row shows the published
+        numbers.
     label, caption, heads
         As in `Table`.
     columns : sequence of TableColumn
     row_specs : iterable of RowSpec
     of : mapping of str to str
-        Fields that all keys share. Fields of columns override them, fields of rows override both.
+        Fields that all keys share. A column can override these fields, and a row can override the fields of
+        its columns.
     best_of : sequence of str
-        Key fields. Numbers of the same metric that agree in these fields form a group, whose best value is
-        bold. The paper's numbers form separate groups. Without fields nothing is marked.
+        Key fields. Numbers with equal values of these fields form a group, separately for each metric. The
+        best value of a group is bold. Numbers of the paper and our numbers are in different groups. Without
+        fields, no value is bold.
     definitions : tuple of str
-        Notes on how we measure. They are omitted from the paper's own tables.
+        Notes on our measurements. Notes on our measurements are omitted from the paper's own tables.
     notes : tuple of str
         Further notes.
     """
-    # The rows of the table, each with the keys of its cells.
+    # Collect the rows of the table, and the key of each cell.
     grid = [(spec, [Key(**{**of, **column.of, **spec.of}) for column in columns]) for spec in row_specs]
     rows = _make_rows(numbers, grid, best_of)
     if paper is not None:
-        # Insert the paper's rows from the last to the first. Then the places of earlier rows do not change.
+        # Insert the paper's rows from the last to the first. Inserting a row then does not change the
+        # positions of the rows before it.
         known = [n for n, (_, keys) in enumerate(grid) if any(paper.value(key) is not None for key in keys)]
         paper_rows = _make_rows(paper, [grid[n] for n in known], best_of)
         for n, row in reversed(list(zip(known, paper_rows, strict=True))):
@@ -119,7 +129,7 @@ def make_table(
 
 
 def number_cell(metric: str, number: Number) -> TableCell:
-    """Return the cell of a number."""
+    """Return the table cell of a number."""
     parts: dict[str, Any] = {"notes": number.notes, "present": number.present, "expected": number.expected}
     unit = METRICS[metric].unit
     if number.value is None:
@@ -131,10 +141,9 @@ def number_cell(metric: str, number: Number) -> TableCell:
 def difference_cell(
     metric: str, value: float, *, sign: bool = True, more: int = 0, **parts: Any
 ) -> TableCell:
-    """Return the cell of a difference in `metric`.
+    """Return the table cell of a difference in `metric`.
 
-    `more` is the number of decimals in addition to those of the metric. `parts` are further attributes of the
-    cell.
+    Pass the number of additional decimals as `more`. Further keyword arguments are attributes of the cell.
     """
     definition = METRICS[metric]
     printed = format_digits(value, definition.decimals + more, sign=sign)
@@ -148,17 +157,19 @@ def _scene_count(parts: Mapping[str, Any]) -> str:
 
 
 def mark_best(cells: Sequence[TableCell], groups: Sequence[Hashable], *, single: bool) -> list[TableCell]:
-    """Return `cells`; in each group and metric, the best value and values that print the same are bold.
+    """Return `cells` with the best value of each group and metric in bold.
+
+    Values with the same printed text are also bold.
 
     Parameters
     ----------
     cells : sequence of TableCell
     groups : sequence of hashable
-        Group of each cell; cells of the group None do not compete.
+        Group of each cell; cells of the group None are never marked.
     single : bool
-        Whether the only value of a group is bold.
+        Whether a value is bold if it is the only value of its group.
     """
-    # places of the competing cells, by (group, metric)
+    # positions of the compared cells, by (group, metric)
     rivals: dict[tuple[Hashable, str], list[int]] = {}
     for place, (cell, group) in enumerate(zip(cells, groups, strict=True)):
         if group is not None and cell.value is not None and METRICS[cell.metric].better:
@@ -168,7 +179,7 @@ def mark_best(cells: Sequence[TableCell], groups: Sequence[Hashable], *, single:
         if len(places) < 2 and not single:
             continue
         choose = max if METRICS[metric].better == "higher" else min
-        # Printed values are compared: a reader sees no more digits.
+        # Compare printed values: values with the same printed text are equally good.
         best = choose(_round_as_printed(cells[place]) for place in places)
         for place in places:
             marked[place] = replace(cells[place], bold=_round_as_printed(cells[place]) == best)
@@ -183,10 +194,10 @@ def _round_as_printed(cell: TableCell) -> float:
 def _make_rows(
     numbers: Numbers, grid: list[tuple[RowSpec, list[Key]]], best_of: Sequence[str]
 ) -> list[TableRow]:
-    """Return the rows of `grid` with their cells; the best values are bold."""
+    """Return the rows of `grid` with their cells. The best values are bold."""
     keys = [key for _, row_keys in grid for key in row_keys]
     values = [numbers.number(key) for key in keys]
-    # A frame rate that was measured on a CPU is never marked as the best.
+    # A frame rate measured on a CPU is never marked as the best.
     groups = [
         tuple(getattr(key, field) for field in best_of)
         if best_of and not any(note.startswith(ON_CPU) for note in number.notes)
@@ -194,7 +205,7 @@ def _make_rows(
         for key, number in zip(keys, values, strict=True)
     ]
     plain = [number_cell(key.metric, number) for key, number in zip(keys, values, strict=True)]
-    cells = iter(mark_best(plain, groups, single=numbers.of_paper))  # the paper prints single values bold
+    cells = iter(mark_best(plain, groups, single=numbers.of_paper))  # the paper prints these values in bold
     rows = []
     for spec, row_keys in grid:
         row = [next(cells) for _ in row_keys]

@@ -1,4 +1,4 @@
-"""The outcomes of trial tasks and of compared repair strategies, prepared for the page of an asset."""
+"""Prepare the outcomes of trial tasks and repair strategies for the page of an asset."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,13 +18,13 @@ _MARKS: dict[str, Mark] = {"works": "YES", "care": "WITH CARE", "fails": "NO", "
 # Audit verdicts from the best to the worst.
 _LEVELS = {"ok": 0, "limited": 1, "bad": 2}
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-# Maximum size of a PNG in bytes (4 MiB); larger ones are not embedded in a page.
+# Maximum size of a PNG in bytes (4 MiB). Larger images are not embedded in a page.
 _MAX_BYTES = 4 << 20
 
 
 @dataclass(frozen=True)
 class TaskOutcome:
-    """The outcome of one trial task: its mark, its result in words, its problems, and an image."""
+    """The outcome of one trial task: its mark, its result as text, its problems, and an image."""
 
     mark: Mark
     task: str
@@ -38,7 +38,10 @@ class TaskOutcome:
 
 
 def read_task_outcomes(loaded: LoadedResult | None, *, pictures: bool = True) -> list[TaskOutcome]:
-    """Return the outcomes of the trial tasks on an exported mesh, with images if `pictures`."""
+    """Return the outcomes of the trial tasks on an exported mesh.
+
+    Images are included if `pictures` is true.
+    """
     if loaded is None or loaded.result.trial is None:
         return []
     outcomes = []
@@ -52,7 +55,7 @@ def read_task_outcomes(loaded: LoadedResult | None, *, pictures: bool = True) ->
 
 
 def _read_png(loaded: LoadedResult, folder: str, name: str | None) -> str | None:
-    """Return a PNG from a folder beside a record as an embeddable address; None if it is not a PNG."""
+    """Return a PNG as an embeddable address, or None for a missing or different file."""
     path = None if name is None else loaded.file(f"{folder}/{name}")
     if path is None:
         return None
@@ -64,13 +67,13 @@ def _read_png(loaded: LoadedResult, folder: str, name: str | None) -> str | None
 
 @dataclass(frozen=True)
 class RepairComparison:
-    """Repair strategies for one mesh.
+    """The repair strategies for one mesh.
 
     Attributes
     ----------
     table : Table
     advice : tuple of str
-        Recommended repairs, as sentences for the owner of the mesh.
+        Recommended repairs as sentences.
     plan : str or None
         The plan that the first sentence recommends, for `msb repair --plan`.
     pictures : tuple of (str, str)
@@ -84,7 +87,7 @@ class RepairComparison:
 
 
 def read_repairs(loaded: LoadedResult | None) -> RepairComparison | None:
-    """Return the repair strategies in the record of an exported mesh; None if it has none."""
+    """Return the repair strategies in the record of an exported mesh. Without strategies, return None."""
     if loaded is None or loaded.result.repairs is None:
         return None
     stored, *others = loaded.result.repairs.succeeded
@@ -99,17 +102,17 @@ def read_repairs(loaded: LoadedResult | None) -> RepairComparison | None:
 
 
 def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], str | None]:
-    """Return recommended repairs as sentences, and the plan that the first one recommends.
+    """Return recommended repairs as sentences, and the plan that the first sentence recommends.
 
     Parameters
     ----------
     stored : Strategy
-        The mesh as stored.
+        The unrepaired mesh.
     others : sequence of Strategy
         All strategies that ran.
     """
     better = [strategy for strategy in others if _grade(strategy) < _grade(stored)]
-    # Recommend two strategies: the best of ours that changes no pixel, and the best that changes the image.
+    # Recommend the best strategy that changes no pixel, and the best strategy that changes the image.
     invisible = min(
         (strategy for strategy in better if strategy.peer is None and strategy.looks.standard.same),
         key=_rank,
@@ -118,7 +121,7 @@ def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], st
     visible = min(
         (strategy for strategy in better if not strategy.looks.standard.same), key=_rank, default=None
     )
-    # The second is recommended only if its result is better than that of the first.
+    # The second strategy is recommended only if its result is better than the result of the first.
     sentences, plan = [], None
     if invisible is not None:
         plan = ",".join(invisible.plan)
@@ -137,17 +140,20 @@ def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], st
 
 
 def _grade(strategy: Strategy) -> tuple[int, int]:
-    """Return a sort key that puts the best mesh first: by tasks that work, then by the audit verdict."""
+    """Return a sort key: first the number of working tasks, then the audit verdict.
+
+    The best mesh comes first.
+    """
     return -strategy.trials_passed_after, _LEVELS[strategy.verdict_after]
 
 
 def _rank(strategy: Strategy) -> tuple[tuple[int, int], int]:
-    """Return the grade and, for equal grades, the number of components."""
+    """Return a sort key: the grade, then the number of components."""
     return _grade(strategy), strategy.components
 
 
 def _describe_result(strategy: Strategy, stored: Strategy) -> str:
-    """Return the verdict and the tasks that work after a repair, compared with the stored mesh."""
+    """Return the verdict and the working tasks after a repair, compared with the unrepaired mesh."""
     before, after = stored.verdict_after.upper(), strategy.verdict_after.upper()
     same = before == after
     verdict = f"and the verdict stays {after}" if same else f"and the verdict is {after} instead of {before}"
@@ -159,7 +165,7 @@ def _describe_result(strategy: Strategy, stored: Strategy) -> str:
 
 
 def _make_table(document: RepairDocument) -> Table:
-    """Return a row per strategy."""
+    """Return one table row per strategy."""
     titles = (
         *("Faces kept", "Added", "Edges cut", "Pieces", "Verdict", "Tasks"),
         *("Standard, dB", "Dedicated, dB", "MiB", "Seconds"),
@@ -172,18 +178,18 @@ def _make_table(document: RepairDocument) -> Table:
         else:
             cells = (TableCell(NOT_AVAILABLE, reason=shorten(strategy.why, 300)),) * len(titles)
         rows.append(TableRow((strategy.strategy,), cells))
-    compared = f"dB: mean PSNR against the mesh as stored, over {document.views}"
+    compared = f"dB: mean PSNR against the unrepaired mesh, over {document.views}"
     notes = [f'{compared}; "same" means that all pixels are equal.']
     if stored.trials:
         names = ", ".join(stored.trials)
-        notes.append(f"Tasks: number of tasks that work, possibly with limitations, of these: {names}.")
+        notes.append(f"Tasks: number of working tasks, possibly with limitations, out of these: {names}.")
     caption = "Repair strategies: faces kept, similarity and cost."
     columns = tuple(TableColumn(title) for title in titles)
     return Table("repairs", caption, ("Strategy",), columns, tuple(rows), tuple(notes))
 
 
 def _make_cells(strategy: Strategy, stored_faces: int) -> tuple[TableCell, ...]:
-    """Return the cells of a strategy; `stored_faces` is the number of faces of the stored mesh."""
+    """Return the table cells of a strategy. `stored_faces` is the number of faces of the unrepaired mesh."""
     passed, total = strategy.trials_passed_after, len(strategy.trials)
     tasks = TableCell(f"{passed} of {total}", float(passed), "tasks")
     return (
@@ -203,7 +209,7 @@ def _make_cells(strategy: Strategy, stored_faces: int) -> tuple[TableCell, ...]:
 
 
 def _similarity_cell(look: TierSimilarity) -> TableCell:
-    """Return the PSNR between renderings of the repaired and the stored mesh."""
+    """Return the PSNR between renderings of the repaired and the unrepaired mesh."""
     if look.same:
         return TableCell("same", "same")
     if look.psnr is None:

@@ -24,7 +24,7 @@ from msb.report.results import Place, ResultSet
 from msb.report.table import NOT_AVAILABLE, Table, TableCell, TableColumn, TableRow
 from msb.report.tables.gaps import REASONS, gap_cell
 
-# Label of the table, and name of its section.
+# Label of the table, and name of the section.
 LABEL = "against"
 _COLUMNS = (
     TableColumn("Better by"),
@@ -40,20 +40,23 @@ _NOTES = (
     "95 % interval: t interval over the means of the scenes, or over the views of a single scene. An "
     "interval over views applies to that scene only, and is too narrow if neighbouring views are similar",
 )
-# A comparison with one of these values of `Gap.reason` has no row. With any other reason, the comparison has
-# a row without a value.
+# If a gap is missing for one of these reasons, the table has no row for the comparison. If the reason is
+# different, the table has a row without a value.
 _NO_COMPARISON = ("missing", "failed", "not_measured", "unsupported")
 
 
 class Comparison(NamedTuple):
-    """A comparison; `gap.signed` is positive if the method at `key` is better than the chosen method."""
+    """A comparison of two methods.
+
+    `gap.signed` is positive if the method at `key` is better than the chosen method.
+    """
 
     key: Key
     gap: Gap
 
 
 def compare_methods(results: ResultSet, numbers: Numbers, other: str) -> list[Comparison]:
-    """Return the comparisons of every method with the method `other`, by dataset, condition and metric."""
+    """For each dataset, condition and metric, compare every method with the method `other`."""
     methods = sorted({place.method for place in results.places})
     if other not in methods:
         text = f'--against: the results hold no method "{shorten(other, 60)}"; name one of '
@@ -72,7 +75,7 @@ def compare_methods(results: ResultSet, numbers: Numbers, other: str) -> list[Co
 
 def _compute_gap(results: ResultSet, numbers: Numbers, key: Key, other: str) -> Gap:
     """Return the gap between the method `other` and the method at `key`."""
-    # The records under the condition of `key`, by scene and method.
+    # For each scene and method, collect the record under the condition of `key`.
     scenes = numbers.scenes(key.dataset)
     records = {
         scene: {
@@ -88,7 +91,7 @@ def _compute_gap(results: ResultSet, numbers: Numbers, key: Key, other: str) -> 
 
 def comparison_table(comparisons: list[Comparison], numbers: Numbers, other: str) -> Table:
     """Return the table with a row per comparison."""
-    # The p value of each comparison by its number. Untested comparisons do not take part in the adjustment.
+    # Collect the p values of all comparisons with a test. Comparisons without a test are not adjusted.
     p = {
         n: interval.p
         for n, comparison in enumerate(comparisons)
@@ -118,15 +121,17 @@ def comparison_table(comparisons: list[Comparison], numbers: Numbers, other: str
 
 
 def comparison_findings(comparisons: list[Comparison], other: str) -> Iterator[Finding]:
-    """Yield a finding for each dataset: PSNR comparisons under the two tiers, or else under all conditions.
+    """Yield a finding on PSNR for each dataset.
 
-    Conditions with the same result share a part of the sentence.
+    Both tiers are compared, or all conditions if the tiers are missing.
+
+    If several conditions have the same result, one sentence names all of them.
     """
     cases = [case for case in comparisons if case.key.metric == "psnr" and case.gap.interval is not None]
     for dataset in dict.fromkeys(case.key.dataset for case in cases):
         of_dataset = [case for case in cases if case.key.dataset == dataset]
         tiers = [case for case in of_dataset if case.key.condition in DRAWN_CONDITIONS]
-        # Result in words, with its sample of scenes or views -> the conditions that have this result.
+        # For each result text and its sample (scenes or views), collect the conditions with this result.
         conditions: dict[tuple[str, str], list[str]] = {}
         for case in tiers or of_dataset:
             assert case.gap.interval is not None
@@ -144,7 +149,7 @@ def format_p(p: float) -> str:
 
 
 def _describe(comparison: Comparison, other: str) -> str:
-    """Return "2DTS leads MeshSplatting by 0.70 dB (95 % CI 0.45 to 0.95, p = 0.007)"."""
+    """Return a text such as "2DTS leads MeshSplatting by 0.70 dB (95 % CI 0.45 to 0.95, p = 0.007)"."""
     gap, interval = comparison.gap, comparison.gap.interval
     assert gap.signed is not None
     assert interval is not None
@@ -157,7 +162,7 @@ def _describe(comparison: Comparison, other: str) -> str:
         lead = f"{method} {'leads' if better else 'trails'} {other} by {amount} dB"
     parts = []
     if interval.ends is not None:
-        # The printed amount is positive, so the interval gets the matching sign.
+        # The printed difference is the absolute value. If the other method is better, negate the interval.
         low, high = interval.ends if better else (-interval.ends[1], -interval.ends[0])
         parts.append(f"95 % CI {format_digits(low, 2)} to {format_digits(high, 2)}")
     if interval.p is None:
@@ -171,7 +176,7 @@ def _describe(comparison: Comparison, other: str) -> str:
 def _make_cells(
     comparison: Comparison, adjusted: float | None, numbers: Numbers, other: str
 ) -> tuple[TableCell, ...]:
-    """Return the cells of a comparison; `adjusted` is its p value by Holm's method."""
+    """Return the table cells of a comparison. `adjusted` is the p value adjusted by Holm's method."""
     key, gap, interval = comparison.key, comparison.gap, comparison.gap.interval
     if gap.signed is None or interval is None:
         reason = REASONS.get(gap.reason or "", gap.reason)
@@ -192,9 +197,10 @@ def _make_cells(
 def adjust_by_holm(p: list[float]) -> list[float]:
     """Return p values adjusted for multiple tests by Holm's method.
 
-    The smallest of n values is multiplied by n, the next by n - 1, and so on; the results never decrease.
+    The smallest of n values is multiplied by n, the next by n - 1, and so on. An adjusted value is at least
+    as large as the value before it.
     """
-    # Visit the p values in ascending order; `least` is the adjusted value of the previous one.
+    # Visit the p values in ascending order. `least` is the previous adjusted value.
     adjusted, least = dict.fromkeys(range(len(p)), 0.0), 0.0
     for rank, place in enumerate(sorted(adjusted, key=p.__getitem__)):
         least = adjusted[place] = max(least, min(1.0, p[place] * (len(p) - rank)))

@@ -1,16 +1,16 @@
-"""Printed form of metric values: title, unit, arrow and number of decimals."""
+"""The printed form of metric values: title, unit, arrow and number of decimals."""
 
 from decimal import ROUND_HALF_UP, Decimal
 
 from msb.bench.aggregate import METRICS
 from msb.topology.metric_text import format_count, format_metric
 
-# Pairs (limit, decimals) by unit. A value below the limit, in the printed unit, gets this number of decimals.
-# With the usual decimals a small value such as 0.04 MiB would print as 0.
+# For each unit, pairs of a limit and a number of decimals. A printed value below the limit gets this number
+# of decimals. With the usual decimals, a small value such as 0.04 MiB would be printed as 0.
 _SMALL_VALUE_DECIMALS = {"MiB": ((0.1, 2), (10.0, 1)), "min": ((1.0, 2),)}
-# Metrics that are counts. Counts have a fraction only in means over scenes.
+# Metrics that are counts. A mean of counts over scenes may be a fraction.
 _COUNTS = ("components", "faces", "tasks")
-# Maximum number of decimals that are tried to make a printed difference agree with its printed ends.
+# Maximum number of decimals for a printed difference and the two values that it compares.
 _MOST_DECIMALS = 6
 _ARROWS = {"higher": " ↑", "lower": " ↓", None: ""}
 
@@ -39,7 +39,7 @@ def to_printed_unit(metric: str, value: float) -> float:
 
 
 def format_digits(value: float, decimals: int, *, sign: bool = False) -> str:
-    """Return `value` with `decimals` decimals; if `sign`, positive values get a plus sign.
+    """Return `value` with `decimals` decimals. If `sign` is true, positive values get a plus sign.
 
     A printed 0 has no sign.
 
@@ -58,11 +58,12 @@ def format_digits(value: float, decimals: int, *, sign: bool = False) -> str:
 
 
 def format_change(change: float, ends: tuple[float, float], decimals: int) -> tuple[str, str, str]:
-    """Return a change and its two ends, with enough decimals that the printed ends differ by the change.
+    """Return a change and its two end values as text.
 
+    Decimals are added until the printed ends differ by the printed change.
 
-    If the ends do not differ by the change, for example because they are means over other scenes, the change
-    and the ends get `decimals` decimals.
+    If the two end values do not differ by the change, they may be means over other scenes. The change and the
+    ends then get `decimals` decimals.
 
     Examples
     --------
@@ -83,7 +84,7 @@ def format_change(change: float, ends: tuple[float, float], decimals: int) -> tu
 
 
 def choose_decimals(metric: str, printed: float) -> int:
-    """Return the number of decimals for `printed`, a value in the printed unit."""
+    """Return the number of decimals for the value `printed` in the printed unit."""
     if metric in _COUNTS and printed < 100 and printed != int(printed):
         return 1
     unit = METRICS[metric].unit
@@ -94,7 +95,7 @@ def choose_decimals(metric: str, printed: float) -> int:
 
 
 def format_value(metric: str, value: float) -> str:
-    """Return `value`, given in the unit of the records, as tables print it.
+    """Return `value`, given in the unit of the records, as it is printed in tables.
 
     Examples
     --------

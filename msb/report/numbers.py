@@ -1,7 +1,7 @@
 """The numbers of tables, charts and findings, by dataset, scene, method, condition and metric.
 
 Measured numbers come from result records (`msb.report.collect`), the paper's numbers from its published
-tables (`msb.report.paper`). All later code treats measured and published numbers alike.
+tables (`msb.report.paper`). Tables, charts and findings treat measured and published numbers in the same way.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,24 +19,24 @@ from msb.registry import METHODS
 from msb.report.safe_names import plain_text
 from msb.report.table import NOT_AVAILABLE
 
-# Values of `Key.scene` that stand for averages over the scenes of a dataset.
+# Values of `Key.scene` that denote averages over the scenes of a dataset.
 MEAN = "mean"
-# The cost of a single triangle, averaged over the scenes. The cost of a single triangle is the part of a
-# renderer's cost that does not depend on the mesh.
+# The cost of a single triangle, averaged over the scenes. A single triangle shows the part of a renderer's
+# cost that does not depend on the mesh.
 FLOOR = "floor_mean"
 # The heading of each row of averages, by the value of `Key.scene`.
 MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean", FLOOR: "Floor"}
 
-# Conditions with images in the order of falling quality: Non-Engine, Dedicated, Standard.
+# Conditions with images, in the order of decreasing quality: Non-Engine, Dedicated, Standard.
 DRAWN_CONDITIONS = tuple(TIER_OF)
 
 # Image quality metrics. The mapping is filled on first access, because other packages can add metrics.
 QUALITY = IMAGE_METRICS
-# Metrics of the trained model, independent of the renderer. Tables show these metrics with the Non-Engine
-# results.
+# Metrics of the trained model, independent of the renderer. Tables show metrics of the trained model beside
+# the Non-Engine results.
 ASSET_METRICS = ("train_memory", "train_seconds", "chamfer")
-# First words of the note on frame rates of a CPU. Such frame rates depend on the other programs of the
-# machine, so they are never marked as the best.
+# First words of the note on frame rates measured on a CPU. Frame rates of a CPU depend on the other programs
+# of the machine, so they are never marked as the best.
 ON_CPU = "measured on a CPU device"
 
 
@@ -54,7 +54,8 @@ class Key(NamedTuple):
     metric : str
         A key of `msb.bench.aggregate.METRICS`.
     source : str
-        "" for measured numbers, otherwise a key of `msb.report.tables.reproducibility.SOURCES`.
+        The origin of the number: "" if measured, otherwise a key of
+        `msb.report.tables.reproducibility.SOURCES`.
     """
 
     dataset: str
@@ -68,7 +69,7 @@ class Key(NamedTuple):
     def is_of_asset(self) -> bool:
         """Whether the number describes the trained model.
 
-        The condition of a number about the trained model may have no images.
+        A number of the trained model can have a condition without images, such as an exported mesh.
         """
         return self.metric in ASSET_METRICS
 
@@ -80,13 +81,13 @@ class Number:
     Attributes
     ----------
     value : float or None
-        In the unit of the records.
+        The value in the unit of the records.
     absent : str
-        Printed in place of a missing value: "N/A" (not supported), "unsteady" or "--".
+        Text printed for a missing value: "N/A" (not supported), "unsteady" or "--".
     reason : str or None
         Why the value is missing.
     present, expected : int
-        A mean is over `present` of `expected` scenes.
+        The number of averaged scenes, and the number of all scenes.
     notes : tuple of str
         Footnotes.
     interval : Interval or None
@@ -103,11 +104,11 @@ class Number:
 
 
 class GapKey(NamedTuple):
-    """Identifies the three quality gaps of a method.
+    """The key of the three quality gaps of a method.
 
-    `scene` is a scene or "mean". `standard` and `dedicated` name the two conditions that are compared. By
-    default these are the tiers themselves. `standard` can also be another engine or a bake, and `dedicated` a
-    variant.
+    `scene` is the name of a scene, or "mean". `standard` and `dedicated` name the two conditions that are
+    compared. By default, the two tiers are compared. `standard` can also be another engine or a bake, and
+    `dedicated` a variant.
     """
 
     dataset: str
@@ -119,12 +120,12 @@ class GapKey(NamedTuple):
 
     @property
     def is_between_tiers(self) -> bool:
-        """Whether the gaps are between the two tiers themselves, without engines, bakes and variants."""
+        """Whether the gaps compare the tiers Standard and Dedicated."""
         return (self.standard, self.dedicated) == ("standard", "dedicated")
 
 
 class SplitKey(NamedTuple):
-    """Identifies the parts of a quality loss. `scene` is a scene or "mean"."""
+    """The key of the parts of a quality loss. `scene` is the name of a scene, or "mean"."""
 
     dataset: str
     scene: str
@@ -133,7 +134,7 @@ class SplitKey(NamedTuple):
 
 
 class RatioKey(NamedTuple):
-    """Identifies a ratio of frame rates: the averages of two conditions on a dataset."""
+    """The key of a ratio of frame rates. The ratio compares two conditions on a dataset."""
 
     dataset: str
     method: str
@@ -148,15 +149,15 @@ class Numbers:
     Attributes
     ----------
     values : mapping of Key to Number
-        Its order is the order of datasets, methods and scenes in all tables.
+        The numbers in the order of datasets, methods and scenes in all tables.
     gaps, ratios, splits : mappings
         Quality gaps, ratios of frame rates, and parts of quality losses.
     views : mapping of Key to a mapping of str to float
-        View -> value, for image metrics of single scenes.
+        The value of each view, for image metrics of single scenes.
     drawn_by : mapping of str to a mapping of str to str
-        Dataset -> condition -> renderer: "OpenCL", the name of an engine, or "their own code".
+        The renderer by dataset and condition: "OpenCL", the name of an engine, or "their own code".
     verdicts : mapping of Key to str
-        Audit verdict ("ok", "limited", "bad") of each exported or baked mesh; the metric of these keys is "".
+        Audit verdict ("ok", "limited", "bad") of each exported or baked mesh, by keys with the metric "".
     of_paper : bool
         Whether these are the paper's numbers.
     """
@@ -171,7 +172,7 @@ class Numbers:
     of_paper: bool = False
 
     def number(self, key: Key) -> Number:
-        """Return the number at `key`; unknown keys give an absent number ("--")."""
+        """Return the number at `key`. For an unknown key, the result is a missing number ("--")."""
         return self.values.get(key, Number(None))
 
     def value(self, key: Key) -> float | None:
@@ -189,7 +190,7 @@ class Numbers:
         ----------
         dataset : str
         conditions : str
-            Only return methods with a record of one of these conditions.
+            Return only methods with a record of one of these conditions.
         asset_metrics : sequence of str
             Also return methods with a value of one of these metrics of the trained model.
         """
@@ -214,7 +215,10 @@ class Numbers:
         return list(dict.fromkeys(key.scene for key in self._keys.get(dataset, ()) if key.scene not in MEANS))
 
     def conditions(self, dataset: str) -> list[str]:
-        """Return the conditions with images: each tier followed by its variants or engines, then bakes."""
+        """Return the conditions with images.
+
+        Each tier precedes its variants or engines, and bakes are last.
+        """
         conditions = dict.fromkeys(
             key.condition
             for key in self._keys.get(dataset, ())
@@ -223,20 +227,20 @@ class Numbers:
         return sorted(conditions, key=condition_order)
 
     def variants(self, dataset: str, condition: str) -> list[str]:
-        """Return the variants of "dedicated", the engines of "standard", or the bakes of "baked"."""
+        """Return all variants of "dedicated", all engines of "standard", or all bakes of "baked"."""
         return select_variants(self.conditions(dataset), condition)
 
     def gap_pairs(self, dataset: str) -> list[tuple[str, str]]:
-        """Return the pairs (standard, dedicated) of conditions between which gaps are computed."""
+        """Return all pairs of conditions (standard, dedicated) for quality gaps."""
         return list_gap_pairs(self.conditions(dataset), self.drawn_by.get(dataset, {}))
 
     def ratio_pairs(self, dataset: str) -> list[tuple[str, str]]:
-        """Return the pairs (standard, dedicated) of conditions whose frame rates are compared."""
+        """Return all pairs of conditions (standard, dedicated) for ratios of frame rates."""
         return list_ratio_pairs(self.conditions(dataset), self.drawn_by.get(dataset, {}))
 
     @cached_property
     def _keys(self) -> dict[str, list[Key]]:
-        """The keys of all numbers of each dataset."""
+        """The keys of all numbers, by dataset."""
         keys: dict[str, list[Key]] = {}
         for key in self.values:
             keys.setdefault(key.dataset, []).append(key)
@@ -259,15 +263,15 @@ def method_title(method: str) -> str:
 
 
 def select_variants(conditions: Iterable[str], condition: str) -> list[str]:
-    """Return all variants, engines or bakes of `condition` among `conditions`."""
+    """Return all names in `conditions` that begin with the name `condition` and a slash."""
     return [name for name in conditions if name.startswith(f"{condition}/")]
 
 
 def list_gap_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
-    """Return the pairs (standard, dedicated) of conditions between which gaps are computed.
+    """Return all pairs of conditions (standard, dedicated) for quality gaps.
 
-    The two tiers are a pair, and also Standard with each variant of Dedicated. Each engine and each bake is
-    paired with Dedicated. If an engine draws both tiers, its two conditions are also a pair.
+    The two tiers form a pair, and so do Standard and each variant of Dedicated. Each engine and each bake is
+    paired with Dedicated. If one engine draws both tiers, these two conditions also form a pair.
     """
     variants = select_variants(conditions, "dedicated")
     pairs = [
@@ -280,11 +284,11 @@ def list_gap_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> li
 
 
 def list_ratio_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
-    """Return the pairs (standard, dedicated) of conditions whose frame rates are compared.
+    """Return all pairs of conditions (standard, dedicated) for ratios of frame rates.
 
-    Dedicated and each of its variants are paired with Standard in the same engine. If no engine draws both
-    tiers, Dedicated and its variants are paired with the standard tier. Frame rates of two engines are not
-    compared, because they may be measured on different devices.
+    For an engine that draws both tiers, Dedicated and its variants are paired with Standard of the same
+    engine. If no engine draws both tiers, Dedicated and its variants are paired with the standard tier. Frame
+    rates of two engines are not compared, because they may be measured on different devices.
     """
     engines = {drawn_by.get(name): name for name in select_variants(conditions, "standard")}
     dedicated = ("dedicated", *select_variants(conditions, "dedicated"))

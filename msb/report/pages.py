@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from msb.report.verdict import Verdict
 
 FORMATS: tuple[ReportFormat, ...] = ("md", "tex", "csv", "json", "html")
-# Maximum size of an embedded film in bytes (4 MiB); pages link to larger films.
+# Maximum size of an embedded film in bytes (4 MiB). Pages link to larger films.
 MAX_EMBEDDED_FILM = 4 << 20
 
 
@@ -51,14 +51,14 @@ def report_files(
     topology : mapping of Place to bytes, optional
         The topology diagnostic of each asset, as PNG.
     folder : Path, optional
-        The folder that will hold the files; links to large films are relative to it.
+        The output folder; links to large films are relative to this folder.
 
     Notes
     -----
-    ``report.json`` is always written. Other files by format: ``report.md``, ``figures/*.svg`` and
+    ``report.json`` is always written. Other files, by format: ``report.md``, ``figures/*.svg`` and
     ``images/*.jpg`` (md), ``figures/*.pdf`` and ``figures/topology-*.png`` (tex), ``tables/LABEL.*`` (md,
-    tex, csv, json), ``index.html`` and ``verdict-DATASET-SCENE-METHOD.html`` (html). The pages embed
-    everything except large films.
+    tex, csv, json), ``index.html`` and ``verdict-DATASET-SCENE-METHOD.html`` (html). Pages embed all data
+    except large films.
     """
     # Write the JSON of the whole report, and all tables in the text formats.
     text = json.dumps(report.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
@@ -66,7 +66,7 @@ def report_files(
     for suffix, writer in WRITERS.items():
         if suffix in formats:
             files |= {f"tables/{label}.{suffix}": writer(table) for label, table in report.tables.items()}
-    # Charts: PDF for LaTeX, SVG beside the Markdown.
+    # Write charts: PDF for LaTeX, and SVG beside the Markdown.
     if "tex" in formats:
         for section in report.sections:
             sheets = [make_sheet(view) for view in section.views]
@@ -80,7 +80,7 @@ def report_files(
         for section in report.sections:
             files |= {f"figures/{figure.name}.svg": figure.standalone for figure in section.figures}
             files |= {f"images/{image.name}": image.data for view in section.views for image in view.images}
-    # The index page, and a page per asset.
+    # Write the index page, and a page per asset.
     if "html" in formats:
         places = [verdict.place for verdict in report.verdicts]
         pages = {place: f"verdict-{'-'.join(map(slug, place))}.html" for place in places}
@@ -91,7 +91,7 @@ def report_files(
 
 
 def _make_grid(report: Report) -> dict[str, Any]:
-    """Return the verdicts by dataset, scene and method for the table of assets, and all methods."""
+    """Return the verdicts by dataset, scene and method for the table of assets. Also return all methods."""
     datasets: dict[str, dict[str, dict[str, Verdict]]] = {}
     methods: dict[str, None] = {}
     for verdict in report.verdicts:
@@ -134,7 +134,7 @@ def _make_verdict_page(
 
 
 def _find_video(report: Report, place: Place, folder: Path | None) -> dict[str, str] | None:
-    """Return the film of all conditions of an asset, or None."""
+    """Return the film of all conditions of an asset, or None if the film does not exist."""
     assert report.results is not None
     for root in report.results.roots:
         if film := _embed_film(Results(root).video(*place), root, folder):
@@ -158,9 +158,9 @@ def _find_walks(
 def _embed_film(path: Path, root: Path, folder: Path | None) -> dict[str, str] | None:
     """Return a film in the results folder `root` as {"data": address with data} or {"link": relative path}.
 
-    Films up to `MAX_EMBEDDED_FILM` bytes are embedded. Returns None if the file does not exist.
+    Films up to `MAX_EMBEDDED_FILM` bytes are embedded. The result is None if the file does not exist.
     """
-    # the file cannot be read, its name contains a NUL, or it is on another drive
+    # ignore an unreadable file, an invalid name, and a file on another drive
     with suppress(OSError, ValueError):
         if path.is_file() and path.resolve().is_relative_to(root.resolve()):
             if path.stat().st_size <= MAX_EMBEDDED_FILM:
@@ -192,7 +192,7 @@ def _make_environment() -> Environment:
 
 
 def _bind_arrows(heading: str) -> str:
-    """Return a heading with a no-break space before each arrow."""
+    """Replace the space before each arrow of a heading by a no-break space."""
     return re.sub(" (?=[↑↓])", "\N{NO-BREAK SPACE}", heading)
 
 

@@ -1,4 +1,4 @@
-"""The published numbers of the paper, read from its tables as JSON."""
+"""Read the published numbers of the paper from JSON files of its tables."""
 
 import json
 import os
@@ -28,7 +28,8 @@ from msb.report.numbers import (
 )
 from msb.report.table import NOT_AVAILABLE
 
-# The numeric tables by the paper's labels. The two feature matrices are printed from `msb.registry`.
+# Labels of the paper's tables with numbers. Features of methods are read from `msb.registry` and not from the
+# paper.
 PAPER_TABLES = (
     "native_summary",
     "native_comprehensive_results",
@@ -41,10 +42,10 @@ PAPER_TABLES = (
     "reproducibility_comparison",
 )
 
-# Our name of each method, by the paper's name.
-# Methods of other packages come last in METHODS, so they never replace a method of the paper.
+# Our name of each method, by the paper's name. Built-in methods are stored last, so they replace methods of
+# other packages with the same paper name.
 OUR_METHODS = {method.paper_name: name for name, method in reversed([*METHODS.items()]) if method.paper_name}
-# Our name of a metric (a key of `msb.bench.aggregate.METRICS`), by the paper's name, if the names differ.
+# Our metric name (a key of `msb.bench.aggregate.METRICS`), by the paper's name, if the names differ.
 _OUR_METRICS = {
     "gpu_ms_p50": "p50_ms",
     "gpu_ms_p95": "p95_ms",
@@ -56,8 +57,8 @@ _OUR_METRICS = {
 }
 
 ENGINE_MEMORY = (
-    "not comparable with our memory, which counts every buffer: the paper's Standard memory is nearly equal "
-    "for all methods and smaller than their meshes, so it must be the memory of the engine without the mesh"
+    "not comparable with our memory, which counts every buffer. The paper's Standard memory is nearly equal "
+    "for all methods and smaller than the meshes, so it must exclude the mesh"
 )
 
 ENGINE_RENDERING = (
@@ -67,14 +68,14 @@ ENGINE_RENDERING = (
 PUBLISHED_LPIPS = "LPIPS as published; its network, version or scaling of the images may differ from ours"
 
 
-# Publication that a number comes from: a key of `msb.report.tables.reproducibility.SOURCES`.
+# The publication that contains a number: a key of `msb.report.tables.reproducibility.SOURCES`.
 Source = Literal["", "paper", "public", "meshsplatbench"]
 
 
 class _PublishedCell(BaseModel):
-    """A cell of a published table, in the paper's names and units.
+    """A cell of a published table, with the names and units of the paper.
 
-    `na` is what the paper prints for a missing value.
+    `na` is the text that the paper prints for a missing value.
     """
 
     model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False, strict=True)
@@ -96,7 +97,7 @@ class _PublishedTable(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True, strict=True)
 
     schema_: Literal["msb-paper-table/1"] = Field(alias="schema")
-    # A footnote of every number.
+    # A footnote of every number in the table.
     note: Annotated[str, Field(min_length=1, max_length=200)] | None = None
     cells: tuple[_PublishedCell, ...]
 
@@ -104,8 +105,8 @@ class _PublishedTable(BaseModel):
 def paper_numbers(*tables: str) -> Numbers:
     """Return the numbers of the paper's tables in the paper's order.
 
-    `tables` are labels; by default all tables are read. If two tables disagree, both numbers are kept under
-    different values of `Key.source`.
+    `tables` are labels of tables. By default, all tables are read. If two tables contain different numbers
+    for one key, both numbers are kept under different values of `Key.source`.
     """
     values: dict[Key, Number] = {}
     for label in tables or PAPER_TABLES:
@@ -120,7 +121,7 @@ def paper_numbers(*tables: str) -> Numbers:
 
 
 def paper_row(table: str, **where: str) -> dict[str, float]:
-    """Return the printed values, by metric, of the row of a paper table that `where` selects.
+    """Return the printed values of one row of a paper table, by metric. The fields in `where` select the row.
 
     Parameters
     ----------
@@ -132,7 +133,7 @@ def paper_row(table: str, **where: str) -> dict[str, float]:
     Returns
     -------
     dict of str to float
-        In units of 1: counts printed in millions are scaled.
+        Values in units of 1; counts printed in millions are converted.
 
     Examples
     --------
@@ -147,16 +148,15 @@ def paper_row(table: str, **where: str) -> dict[str, float]:
 
 
 def methods_in(table: str) -> list[str]:
-    """Return the methods with rows in a table of the paper; `table` is a label as in `paper_row`."""
+    """Return the methods in a table of the paper. `table` is a label as in `paper_row`."""
     return list(dict.fromkeys(key.method for key in _read_table(table)))
 
 
 def published_numbers(path: str | os.PathLike[str]) -> dict[Key, Number]:
     """Return published numbers from a JSON file with the schema of ``paper_tables/*.json``.
 
-    With such a file, results can be compared with published values of single scenes, which the paper does
-    not print. `Key.source` is "paper" unless the file names another source. Every number has the note of the
-    file.
+    A file of published values can contain single scenes, which the paper does not print. `Key.source` is
+    "paper" unless the file names another source. Every number has the note of the file.
     """
     table = validate(_PublishedTable, read_json(path, 1 << 24), file=Path(path), code="RECORD_INVALID")
     notes = () if table.note is None else (table.note,)
@@ -185,7 +185,7 @@ def _read_table(label: str) -> dict[Key, Number]:
 
 
 def _convert_cell(cell: _PublishedCell) -> tuple[Key, Number]:
-    """Return a published cell with our names and in the unit of the records."""
+    """Return a published table cell with our names and in the unit of the records."""
     metric = _OUR_METRICS.get(cell.metric, cell.metric)
     method = OUR_METHODS.get(cell.method, cell.method)
     key = Key(cell.dataset, cell.scene, method, cell.condition, metric, cell.source)
@@ -194,7 +194,7 @@ def _convert_cell(cell: _PublishedCell) -> tuple[Key, Number]:
 
 
 def as_in_paper(method: Method) -> Method:
-    """Return the declaration of a method in the paper's tables: the paper does not draw Gaussians."""
+    """Return the declaration of a method as the paper prints it. The paper draws no Gaussians."""
     if method.primitive == "triangle":
         return method
     retained: dict[Tier, Retained] = {
@@ -206,13 +206,13 @@ def as_in_paper(method: Method) -> Method:
 
 
 def _add_notes(key: Key, number: Number) -> Number:
-    """Return a number of the paper with notes that explain why it cannot be compared with ours."""
+    """Add notes to a number of the paper that explain why our numbers are not comparable."""
     if number.value is None:
         if key.source != "paper" or number.absent != NOT_AVAILABLE:
             return number
-        reason = f"{method_title(key.method)}'s paper reports no results on {dataset_title(key.dataset)}"
+        reason = f"the paper of {method_title(key.method)} reports no results on {dataset_title(key.dataset)}"
         return replace(number, reason=reason)
-    # Values that cannot be compared with ours: those of another engine, and LPIPS of other sources.
+    # Mark values that are not comparable with ours: values of another engine, and LPIPS from other sources.
     if key.metric == "memory" and key.condition == "standard":
         return Number(number.value, notes=(ENGINE_MEMORY,))
     if key.condition == "dedicated" and (key.metric in QUALITY or key.metric == "fps"):
@@ -241,7 +241,10 @@ def _compute_gaps(numbers: Numbers) -> dict[GapKey, Gaps]:
 
 
 def _compute_ratios(numbers: Numbers) -> dict[RatioKey, Ratio]:
-    """Return the ratios of the paper's frame rates: of averages, and of single scenes if they are printed."""
+    """Return the ratios of the paper's frame rates.
+
+    If the paper prints single scenes, their ratios are included.
+    """
     ratios = {}
     for above, below in (("standard", "dedicated"), ("dedicated", "non_engine")):
         for dataset in numbers.datasets():

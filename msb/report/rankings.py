@@ -1,4 +1,4 @@
-"""Rankings of methods by a metric, and the pairs of methods that swap places between two rankings."""
+"""Rank methods by a metric, and find pairs of methods that swap places between two rankings."""
 
 from itertools import combinations
 
@@ -7,12 +7,15 @@ from msb.bench.intervals import Interval, interval
 from msb.report.metric_format import format_value
 from msb.report.numbers import MEAN, ON_CPU, Key, Numbers, method_title
 
-# Methods with their averages of a metric, best first.
+# Methods with their averages of a metric, best method first.
 Ranking = list[tuple[str, float]]
 
 
 def rank_methods(numbers: Numbers, dataset: str, condition: str, metric: str) -> Ranking:
-    """Return the methods with complete averages, best first. Frame rates of a CPU are not ranked."""
+    """Return the methods with complete averages, best method first.
+
+    Frame rates measured on a CPU are not ranked.
+    """
     means = [
         (method, number.value)
         for method in numbers.methods(dataset)
@@ -24,7 +27,10 @@ def rank_methods(numbers: Numbers, dataset: str, condition: str, metric: str) ->
 
 
 def rank_common_methods(numbers: Numbers, dataset: str, condition: str, other: str) -> Ranking:
-    """Return the PSNR ranking in `condition` of the methods with complete averages in both conditions."""
+    """Return the PSNR ranking in `condition`.
+
+    Methods without complete averages in both conditions are left out.
+    """
     methods = dict(rank_methods(numbers, dataset, other, "psnr"))
     return [item for item in rank_methods(numbers, dataset, condition, "psnr") if item[0] in methods]
 
@@ -40,8 +46,8 @@ def find_swaps(
 ) -> list[tuple[str, str]]:
     """Return the pairs of methods whose order differs between two rankings.
 
-    The two methods must differ by at least the last printed digit in both rankings. `before` is ranked by
-    `metric`, `after` by `after_metric`.
+    The two methods must differ by at least the last printed digit in both rankings. The metric of the ranking
+    `before` is `metric`, and the metric of the ranking `after` is `after_metric`.
     """
     values = dict(after)
     return [
@@ -54,14 +60,16 @@ def find_swaps(
 def find_most_certain_swap(
     numbers: Numbers, dataset: str, swaps: list[tuple[str, str]], conditions: tuple[str, str]
 ) -> Interval:
-    """Return the t test of the most significant swap in `swaps`, pairs of methods that swap places by PSNR.
+    """Return the t test of the most significant swap among `swaps`.
 
-    The difference between the methods of a swap is tested under both conditions. The larger p value counts
-    for the swap, and the swap with the smallest p value is returned.
+    Two methods are swapped if their order differs between the two conditions.
+
+    The difference between the methods of a swap is tested under both conditions. The p value of a swap is the
+    larger p value of both tests. The swap with the smallest p value is returned.
     """
 
     def p_value(difference: Interval) -> float:
-        # an untested difference counts as less certain than any p value
+        # an untested difference gets a value above every p value
         return 2.0 if difference.p is None else difference.p
 
     def test_difference(pair: tuple[str, str], condition: str) -> Interval:
@@ -80,5 +88,5 @@ def find_most_certain_swap(
 
 
 def format_ranking(ranking: Ranking, metric: str = "psnr") -> str:
-    """Return "2DTS 28.16, 3DGS 27.21"."""
+    """Return a text such as "2DTS 28.16, 3DGS 27.21"."""
     return ", ".join(f"{method_title(method)} {format_value(metric, value)}" for method, value in ranking)

@@ -41,9 +41,9 @@ class Report:
         Warnings for the reader: mixed results, failed cells.
     numbers : Numbers
     results : ResultSet or None
-        None for the paper's own tables.
+        The results; None for the paper's own tables.
     with_paper : bool
-        Whether the paper's numbers stand beside ours.
+        Whether tables also show the paper's numbers.
     """
 
     title: str
@@ -56,11 +56,14 @@ class Report:
     with_paper: bool = True
 
     page = "index.html"
-    """The template of the first page."""
+    """The template file of the first page."""
 
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """The verdict on each asset. Verdicts compare renderings, so they are computed on first access."""
+        """The verdict on each asset.
+
+        Verdicts are computed on first access, because they compare renderings.
+        """
         if self.results is None:
             return ()
         places = self.results.places
@@ -75,7 +78,7 @@ class Report:
 
     @property
     def mixes(self) -> bool:
-        """Whether a table has rows of the paper between rows of ours."""
+        """Whether a table of ours also has rows of the paper."""
         return any(row.paper for table in self.tables.values() for row in table.rows)
 
     def to_dict(self) -> dict[str, Any]:
@@ -100,7 +103,7 @@ class Report:
 
 
 def list_places(results: ResultSet, numbers: Numbers) -> list[Place]:
-    """Return the assets, ordered by dataset, method and scene as the numbers are."""
+    """Return the assets in the order of datasets, methods and scenes of the numbers."""
     return [
         place
         for dataset in numbers.datasets()

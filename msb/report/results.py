@@ -17,7 +17,7 @@ from msb.report.numbers import condition_order
 
 
 class Place(NamedTuple):
-    """Identifies an asset by its dataset, its scene, and its method (or the label of the model)."""
+    """The key of an asset: its dataset, its scene, and its method (or the label of the model)."""
 
     dataset: str
     scene: str
@@ -32,8 +32,8 @@ class LoadedResult:
     # The file of the record, and the results folder that contains it.
     path: Path
     root: Path
-    # The end of the folder's path. This text distinguishes models with the same name, and is "" if no other
-    # model has the name.
+    # The last parts of the folder's path. The text is added to names of models that are otherwise equal. For
+    # a unique name, the text is "".
     folder: str = ""
 
     @property
@@ -48,7 +48,7 @@ class LoadedResult:
         return () if self.result.quality is None else self.result.quality.images
 
     def changed_file(self, image: ImageQuality) -> Path | None:
-        """Return the file of a rendering if it exists but differs from the one that was compared."""
+        """Return the file of a rendering if the file exists but has changed since the comparison."""
         path = self.file(image.file)
         if path is None:
             return None
@@ -58,11 +58,11 @@ class LoadedResult:
             return path
 
     def file(self, name: str) -> Path | None:
-        """Return the file `name`, relative to the record, if it exists and lies in the results folder."""
+        """Return the file `name`, relative to the record, if it exists within the results folder."""
         try:
             path = (self.path.parent / name).resolve()
             inside = path.is_relative_to(self.root.resolve()) and path.is_file()
-        except (OSError, ValueError):  # a NUL in the name, or a name that is too long
+        except (OSError, ValueError):  # the name contains a NUL or is too long
             return None
         return path if inside else None
 
@@ -92,24 +92,24 @@ def read_results(*folders: str | os.PathLike[str], allow_mixed: bool = False) ->
     Parameters
     ----------
     *folders : path-like
-        Folders that `msb run` wrote. If two of them hold the same cell, the later folder counts.
+        Folders written by `msb run`. If two folders contain the same cell, the later folder counts.
     allow_mixed : bool
-        Accept records that must not be compared, with a note. Models whose records differ between two folders
-        are then separate models, with the name of the folder in their names.
+        Accept records that must not be compared, with a note. With `allow_mixed`, a model with different
+        records in two folders becomes two models. The names of the folders distinguish them.
 
     Raises
     ------
     UsageError
         RESULTS_MIXED: records must not be compared, and `allow_mixed` is false.
     InputError
-        RESULTS_EMPTY: a folder holds no record. RECORD_INVALID: a record is invalid.
+        RESULTS_EMPTY: a folder contains no record. RECORD_INVALID: a record is invalid.
     """
     records = [loaded for folder in folders for loaded in _read_folder(given_path(folder))]
     return result_set(records, allow_mixed=allow_mixed)
 
 
 def result_set(records: Sequence[LoadedResult], *, allow_mixed: bool = False) -> ResultSet:
-    """Return `records` by asset and condition; raises UsageError like `read_results`."""
+    """Return `records` by asset and condition. The errors are those of `read_results`."""
     conflicts = _find_conflicts(records)
     names = _shorten_folders(records)
     records = [
@@ -155,12 +155,12 @@ def _read_folder(root: Path) -> list[LoadedResult]:
 
 
 def _find_differences(records: Iterable[LoadedResult]) -> Iterator[str]:
-    """Yield differences between records that tables would show side by side."""
+    """Yield differences between records that would appear side by side in tables."""
     identities: dict[str, tuple[object, LoadedResult]] = {}
     of_place: dict[tuple[Place, str], tuple[object, LoadedResult]] = {}
     for loaded in records:
         result = loaded.result
-        # Every metric must have one definition in all records.
+        # Every metric must have the same definition in all records.
         for identity in () if result.quality is None else result.quality.metrics:
             definition = defined(identity)
             first, other = identities.setdefault(str(identity.get("name")), (definition, loaded))
@@ -175,7 +175,7 @@ def _find_differences(records: Iterable[LoadedResult]) -> Iterator[str]:
 
 
 def _find_conflicts(records: Sequence[LoadedResult]) -> dict[Place, str]:
-    """Return the difference between records of the same cell in two folders, by dataset and model."""
+    """Return the difference between records of one cell in two folders, by dataset and model."""
     first_records: dict[tuple[str, ...], LoadedResult] = {}
     conflicts: dict[Place, str] = {}
     names = _shorten_folders(records)
@@ -192,7 +192,7 @@ def _find_conflicts(records: Sequence[LoadedResult]) -> dict[Place, str]:
 
 
 def _collect_cell_facts(result: Result) -> dict[str, object]:
-    """Return the properties in which two records of the same cell must agree."""
+    """Return the properties that must be equal in two records of one cell."""
     facts: dict[str, object] = {}
     if result.renderer is not None:
         facts["settings"] = result.renderer.settings
@@ -203,7 +203,7 @@ def _collect_cell_facts(result: Result) -> dict[str, object]:
 
 
 def _shorten_folders(records: Iterable[LoadedResult]) -> dict[Path, str]:
-    """Return for each results folder the shortest end of its path that no other folder has."""
+    """Return a unique short name for each results folder. The name is the end of the folder's path."""
     roots = list(dict.fromkeys(loaded.root.absolute() for loaded in records))
     count = 1
     while len({root.parts[-count:] for root in roots}) < len(roots):
@@ -212,7 +212,10 @@ def _shorten_folders(records: Iterable[LoadedResult]) -> dict[Path, str]:
 
 
 def _collect_asset_facts(result: Result) -> dict[str, object]:
-    """Return the properties in which all conditions of an asset must agree, except settings of variants."""
+    """Return the properties that must be equal in all conditions of an asset.
+
+    Settings of variants may differ.
+    """
     facts: dict[str, object] = {}
     if result.setup is not None:
         facts["setup (cameras, image folder, background)"] = result.setup

@@ -4,8 +4,8 @@ import hashlib
 import re
 import unicodedata
 
-# Maximum length of the readable part of a slug, in characters: file systems allow 255 bytes for a name, and
-# names of verdict pages join three slugs.
+# Maximum length of the readable part of a slug, in characters. File systems allow names of 255 bytes, and the
+# file name of a verdict page contains three slugs.
 _MAX_SLUG_LENGTH = 60
 
 

@@ -11,9 +11,9 @@ from msb.bench.intervals import Interval
 from msb.metrics.registry import IMAGE_METRICS
 
 SCHEMA = "msb.table/1"
-# Texts of cells without a value: the condition is not supported, or the value is missing or has no meaning.
+# Texts of table cells without a value: the condition is not supported, or the value is missing or undefined.
 NOT_SUPPORTED, NOT_AVAILABLE = "N/A", "--"
-# Text of a frame rate whose rounds differ too much to mean anything.
+# Text for a frame rate whose rounds differ too much.
 UNSTEADY = "unsteady"
 
 
@@ -28,7 +28,7 @@ class TableCell:
     value : float, bool, str or None
         The unrounded value in `unit`; None for "N/A" and "--".
     metric, unit : str
-        Empty if the value is not a measurement.
+        Metric and unit; empty if the value is not a measurement.
     bold : bool
         Whether the value is printed bold, usually because it is the best of its group.
     reason : str or None
@@ -36,7 +36,7 @@ class TableCell:
     notes : tuple of str
         Footnotes of this cell.
     present, expected : int
-        A mean is over `present` of `expected` scenes.
+        The number of averaged scenes, and the number of all scenes.
     interval : Interval or None
         95 % confidence interval of a mean over views, or of a difference, in `unit`.
     """
@@ -54,12 +54,12 @@ class TableCell:
 
     @property
     def footnotes(self) -> tuple[str, ...]:
-        """The reason for a missing value, if there is one, and the notes."""
+        """The notes of this cell, after the reason for a missing value."""
         return self.notes if self.reason is None else (self.reason, *self.notes)
 
     @property
     def number(self) -> float | None:
-        """The value for sorting rows, or None."""
+        """The value by which rows are sorted, or None."""
         return self.value if isinstance(self.value, float) else None
 
     def to_dict(self) -> dict[str, Any]:
@@ -88,9 +88,9 @@ class TableColumn:
     title : str
         The heading directly above the values.
     groups : tuple of str
-        Headings above the title, outermost first. Neighbouring columns with the same heading share it.
+        Headings above the title, outermost first. Neighbouring columns with equal headings share a heading.
     of : mapping of str to str
-        Fields that the column contributes to the `Key` of each of its numbers.
+        Fields that the column adds to the `Key` of each of its numbers.
     filters : bool
         Whether the page offers a list that filters rows by this column.
     """
@@ -119,9 +119,9 @@ class TableRow:
     section : str
         Heading above this row and its neighbours.
     strong : bool
-        Whether the row holds means.
+        Whether the row contains means.
     paper : bool
-        Whether the row holds the paper's numbers, which stand below ours.
+        Whether the row contains the paper's numbers, which are printed below ours.
     """
 
     labels: tuple[str, ...]
@@ -144,17 +144,23 @@ class Table:
 
     @property
     def depth(self) -> int:
-        """The number of heading lines above the titles of the columns."""
+        """The number of heading lines above the column titles."""
         return max((len(column.groups) for column in self.columns), default=0)
 
     def spans(self, level: int) -> list[tuple[str, int]]:
-        """Return the headings of a level from left to right, each with its number of columns."""
-        # Two equal headings below different outer headings do not merge.
+        """Return the headings of a level from left to right.
+
+        Each heading has the number of columns below it.
+        """
+        # Do not merge equal headings that are below different headings.
         paths = (column.groups[: level + 1] if level < len(column.groups) else () for column in self.columns)
         return [(path[-1] if path else "", len(list(columns))) for path, columns in groupby(paths)]
 
     def blocks(self) -> list[tuple[str, list[TableRow]]]:
-        """Return the rows in blocks with a heading: the section and all labels except the last."""
+        """Return the rows in blocks.
+
+        The heading of a block is composed of the section and all labels except the last label.
+        """
 
         def heading(row: TableRow) -> str:
             return ", ".join(filter(None, (row.section, *row.labels[:-1])))
@@ -162,7 +168,10 @@ class Table:
         return [(name, list(rows)) for name, rows in groupby(self.rows, heading)]
 
     def sortable(self, column: int) -> bool:
-        """Return whether rows can be sorted by a column: its cells in each block belong to one metric."""
+        """Return whether rows can be sorted by a column.
+
+        In each block of rows, all cells of the column must belong to one metric.
+        """
         blocks = [[row.cells[column] for row in rows if not row.paper] for _, rows in self.blocks()]
         several = any(sum(cell.number is not None for cell in cells) > 1 for cells in blocks)
         return several and all(len({cell.metric for cell in cells}) <= 1 for cells in blocks)
@@ -173,12 +182,11 @@ class Table:
         return {note: _letters(number) for number, note in enumerate(texts)}
 
     def with_common_notes(self) -> Table:
-        """Return the table; notes that apply to whole metrics are moved from the cells to the table."""
+        """If all cells of a metric have the same note, move the note from the cells to the table."""
         cells = [cell for row in self.rows for cell in row.cells if cell.value is not None and not row.paper]
         metrics = dict.fromkeys(cell.metric for cell in cells)
         common: dict[str, str] = {}
         for note in dict.fromkeys(note for cell in cells for note in cell.notes):
-            # A note is common if every cell of its metrics has the note.
             noted_metrics = dict.fromkeys(cell.metric for cell in cells if note in cell.notes)
             if all(note in cell.notes for cell in cells if cell.metric in noted_metrics):
                 images = [metric for metric in noted_metrics if metric in IMAGE_METRICS]
@@ -220,7 +228,7 @@ class Table:
 
 
 def _letters(number: int) -> str:
-    """Return the `number`-th footnote mark, counted from 0: "a" to "z", "aa", "ab", ..."""
+    """Return the footnote mark with index `number`: "a" to "z", "aa", "ab", ..."""
     name = ""
     number += 1
     while number:

@@ -1,4 +1,4 @@
-"""The verdict on one asset: its suitability for each use, with the number behind each statement."""
+"""The verdict on one asset: its suitability for each use, with the number behind each judgement."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -22,16 +22,16 @@ from msb.report.table import NOT_SUPPORTED
 
 Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN", "NOTE"]
 
-# Native renderings with a lower PSNR (dB) have little in common with the photographs, so they are no
-# reference.
+# Minimum PSNR in dB of native renderings against the photographs, so that they can serve as a reference.
 MIN_NATIVE_PSNR = 15.0
-# Minimum PSNR in dB between two renderings, its mark, and its wording.
+# Minimum PSNR in dB between two renderings for each verdict, with the verdict's mark and text.
 _SIMILARITIES: tuple[tuple[float, Mark, str], ...] = (
     (ALIKE, "YES", "Matches"),
     (NEARLY, "WITH CARE", "Nearly matches"),
     (0.0, "NO", "Differs from"),
 )
-# Maximum loss of PSNR in dB, its mark, and its wording. Less than 1 dB is hard to see, and 3 dB is obvious.
+# Maximum PSNR loss in dB for each verdict, with the verdict's mark and text. A loss below 1 dB is hard to
+# see, and 3 dB is obvious.
 _LOSSES: tuple[tuple[float, Mark, str], ...] = (
     (1.0, "YES", "Matches"),
     (3.0, "WITH CARE", "Visibly worse than"),
@@ -39,8 +39,8 @@ _LOSSES: tuple[tuple[float, Mark, str], ...] = (
 )
 # Maximum P95 of the frame time, in milliseconds, for 60 and for 30 frames per second.
 SMOOTH_MS, USABLE_MS = 1000 / 60, 1000 / 30
-# Maximum number of views on which the renderings of two conditions are compared. The views are spread evenly.
-# More views would take minutes for a complete benchmark.
+# Maximum number of views on which the renderings of two conditions are compared. The compared views are
+# evenly spread over all views. A comparison of more views would take minutes for a complete benchmark.
 _MAX_VIEWS = 8
 _LEVELS: dict[str, Mark] = {"ok": "YES", "limited": "WITH CARE", "bad": "NO"}
 
@@ -49,7 +49,7 @@ _LEVELS: dict[str, Mark] = {"ok": "YES", "limited": "WITH CARE", "bad": "NO"}
 class Statement:
     """A judgement on the suitability of an asset for one use.
 
-    `why` gives the reason with its number. `short` is the short name of the use for tables.
+    `why` gives the reason with its number. `short` is a short name of the use, for tables.
     """
 
     mark: Mark
@@ -58,13 +58,13 @@ class Statement:
     short: str = ""
 
     def to_dict(self) -> dict[str, str]:
-        """Return the statement as JSON data."""
+        """Return the judgement as JSON data."""
         return {"mark": self.mark, "use": self.use, "why": self.why}
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The statements on one asset, and the outcomes of trial tasks on its mesh."""
+    """The judgements on one asset, and the outcomes of trial tasks on its mesh."""
 
     place: Place
     statements: tuple[Statement, ...]
@@ -77,9 +77,11 @@ class Verdict:
         return f"{method_title(method)} on {scene_title(scene)} ({dataset_title(dataset)})"
 
     def marks(self) -> list[tuple[Mark, list[str]]]:
-        """Return the uses by mark, the worst mark first; ["all"] if all uses have the same mark.
+        """Return each mark with its uses, the worst mark first.
 
-        Notes are left out.
+        If all uses have the same mark, return ["all"].
+
+        Uses without a mark (notes) are left out.
         """
         order: tuple[Mark, ...] = ("NO", "WITH CARE", "UNKNOWN", "YES")
         named = [(mark, [s.short for s in self.statements if s.mark == mark]) for mark in order]
@@ -94,7 +96,7 @@ def judge(place: Place, loaded: Mapping[str, LoadedResult], numbers: Numbers) ->
     ----------
     place : Place
     loaded : mapping of str to LoadedResult
-        Condition -> record and its files.
+        The record of each condition, with its files.
     numbers : Numbers
         The numbers and gaps of all results.
     """
@@ -102,11 +104,11 @@ def judge(place: Place, loaded: Mapping[str, LoadedResult], numbers: Numbers) ->
     variants = [name for name in numbers.variants(place.dataset, "dedicated") if name in records]
     dedicated = ["dedicated", *variants]
     bakes = [name for name in numbers.variants(place.dataset, BAKED) if name in records]
-    # Condition -> the use that its renderings stand for.
+    # Describe the use of an asset that the renderings of each condition represent.
     uses = {"standard": "Standard-tier mesh, any engine"}
     uses |= {name: f"Model with its native shaders ({condition_title(name)})" for name in dedicated}
     uses |= {name: f"Baked mesh, any engine ({plain_text(name.partition('/')[2])})" for name in bakes}
-    # Only supported conditions have a frame rate.
+    # Judge the frame rates of supported conditions only.
     supported = {name for name, record in records.items() if record.status != "unsupported"}
     timed = [name for name in ("standard", *dedicated) if name in supported]
     statements = [
@@ -129,10 +131,10 @@ def judge(place: Place, loaded: Mapping[str, LoadedResult], numbers: Numbers) ->
 def _judge_appearance(
     place: Place, numbers: Numbers, condition: str, use: str, loaded: Mapping[str, LoadedResult]
 ) -> Statement:
-    """Judge the renderings of a condition by their PSNR against the native ones.
+    """Compare the renderings of a condition with the native renderings, and judge their PSNR.
 
     If files are missing, the difference of PSNR against the photographs is used instead. Without native
-    renderings Standard is compared with Dedicated.
+    renderings, Standard is compared with Dedicated.
     """
     number = numbers.number(Key(*place, condition, "psnr"))
     if number.value is None:
@@ -141,7 +143,8 @@ def _judge_appearance(
             return Statement("NO", use, f"Not supported: {reason}.")
         return Statement("UNKNOWN", use, f"{_capitalize(reason)}.")
 
-    # Find the reference: native renderings, or else the dedicated tier (for Standard only).
+    # Find the reference renderings. Use native renderings if possible. If native renderings are missing,
+    # compare Standard with Dedicated.
     tier = "dedicated" if condition.startswith("dedicated") else "standard"
     gaps = numbers.gaps.get(GapKey(*place, "psnr", **{tier: condition}))
     gap = None if gaps is None else gaps["deploy" if tier == "standard" else "adapt"]
@@ -156,7 +159,7 @@ def _judge_appearance(
         remark = f" The comparison is with the dedicated tier of this run, because {lacks}."
     if gap is None or gap.signed is None:
         psnr = f"PSNR against the photographs is {number.value:.2f} dB"
-        return Statement("UNKNOWN", use, f"{psnr}. It cannot be judged, because {lacks}.")
+        return Statement("UNKNOWN", use, f"{psnr}. The loss cannot be judged, because {lacks}.")
     before = numbers.number(Key(*place, start, "psnr"))
     reference = "our reference renderer" if REFERENCE in before.notes else "its native renderer"
     reference = "the dedicated tier" if start == "dedicated" else reference
@@ -165,7 +168,8 @@ def _judge_appearance(
         text = f"{low}, which is too low for a comparison. This condition has {number.value:.2f} dB.{remark}"
         return Statement("UNKNOWN", use, text)
 
-    # Compare the two sets of renderings directly, or else compare their PSNR against the photographs.
+    # Compare the two sets of renderings directly. If files are missing, compare their PSNR against the
+    # photographs.
     change = f"PSNR against the photographs {_describe_change(gap.signed, before.value, number.value)}"
     similarity = measure_similarity(loaded[start], loaded[condition])
     if similarity is None:
@@ -213,7 +217,10 @@ def _judge_speed(condition: str, record: Result) -> Statement:
 
 
 def _format_milliseconds(value: float) -> str:
-    """Return a time with enough decimals that it does not round to a limit: "16.2 ms", but "16.69 ms"."""
+    """Return a time as text, such as "16.2 ms".
+
+    The text has enough decimals to distinguish the time from a limit, such as "16.69 ms".
+    """
     # Add decimals until the printed time differs from both limits.
     for decimals in (1, 2, 3):
         printed = f"{value:.{decimals}f}"
@@ -247,7 +254,7 @@ def _judge_bake(condition: str, record: Result) -> Statement:
 
 
 def _make_notes(place: Place, numbers: Numbers, records: Mapping[str, Result]) -> Iterator[Statement]:
-    """Yield notes on training, memory, size and accuracy; these notes have no mark."""
+    """Yield notes on training, memory, size and accuracy. The notes have no mark."""
     texts = dict.fromkeys(text for record in records.values() for text in record.trained)
     if texts:
         yield Statement("NOTE", "Training", f"{_capitalize('; '.join(texts))}.")
@@ -274,7 +281,7 @@ def _capitalize(sentence: str) -> str:
 
 
 class Similarity(NamedTuple):
-    """The mean PSNR in dB between two sets of renderings, over `views` views out of `of` common views."""
+    """The mean PSNR in dB between two sets of renderings. `views` of the `of` common views were compared."""
 
     psnr: float
     views: int
@@ -282,7 +289,9 @@ class Similarity(NamedTuple):
 
 
 def measure_similarity(first: LoadedResult, second: LoadedResult) -> Similarity | None:
-    """Return the PSNR between the renderings of two records; None if files are missing or have changed.
+    """Return the PSNR between the renderings of two records.
+
+    If files are missing or have changed, return None.
 
     The PSNR of a view is capped at 100 dB, the value for equal images.
     """

@@ -20,8 +20,8 @@ from msb.report.table import NOT_AVAILABLE, Table, TableCell
 TableFormat = Literal["md", "tex", "csv", "json"]
 ReportFormat = TableFormat | Literal["html"]
 
-# The LaTeX that prints each special character. A bracket directly after ``\\`` would be read as the argument
-# of ``\\``.
+# The LaTeX code that prints each special character. Escape brackets, because LaTeX reads a bracket after
+# ``\\`` as an argument.
 _LATEX = {
     "\\": r"\textbackslash{}",
     "{": r"\{",
@@ -66,10 +66,11 @@ def to_markdown(table: Table) -> str:
 
 
 def to_latex(table: Table) -> str:
-    r"""Return the table as a LaTeX float with the label ``tab:LABEL``; it needs booktabs and graphicx.
+    r"""Return the table as a LaTeX float with the label ``tab:LABEL``. The LaTeX document must load booktabs
+    and graphicx.
 
-    A table that is too wide is scaled to the page. Columns without any value are omitted, and a note lists
-    them.
+    A table that is too wide is scaled to the page. Columns without any value are omitted and listed in a
+    note.
     """
     table = _without_empty_columns(table)
     marks = table.footnotes()
@@ -97,7 +98,7 @@ def to_latex(table: Table) -> str:
 
 
 def to_csv(table: Table) -> str:
-    """Return the table as CSV with printed values; the last column, Source, is "ours" or "paper"."""
+    """Return the table as CSV with printed values. The last column, Source, contains "ours" or "paper"."""
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     heads = [*table.heads, *(column.full_title for column in table.columns)]
@@ -115,7 +116,7 @@ def to_json(table: Table) -> str:
     return json.dumps(table.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
-# The writer of a table for each file ending.
+# The writer of a table for each file extension.
 WRITERS: dict[TableFormat, Callable[[Table], str]] = {
     "md": to_markdown,
     "tex": to_latex,
@@ -132,11 +133,11 @@ def escape_markdown(text: str) -> str:
 def escape_latex(text: str) -> str:
     """Return `text` escaped, so that LaTeX prints it unchanged."""
     escaped = "".join(_LATEX.get(letter, letter) for letter in plain_text(text))
-    return escaped.replace("--", "-{}-").replace("--", "-{}-")  # LaTeX turns two hyphens into a dash
+    return escaped.replace("--", "-{}-").replace("--", "-{}-")  # LaTeX would turn two hyphens into a dash
 
 
 def escape_csv(text: str) -> str:
-    """Return `text` so that spreadsheets do not read it as a formula; numbers and "--" are unchanged."""
+    """Return `text` in a form that spreadsheets do not read as a formula. Numbers and "--" are unchanged."""
     return formula_safe(plain_text(text).strip())
 
 
@@ -152,13 +153,13 @@ def _markdown_cell(cell: TableCell, marks: dict[str, str]) -> str:
 
 
 def _without_empty_columns(table: Table) -> Table:
-    """Return the table without columns that contain only "--", and with a note that lists these columns."""
+    """Return the table without columns that contain only "--". A note lists the omitted columns."""
     cells = [[row.cells[number] for row in table.rows] for number in range(len(table.columns))]
     kept = [n for n, column in enumerate(cells) if any(cell.text != NOT_AVAILABLE for cell in column)]
     if not kept or len(kept) == len(cells):
         return table
     omitted = [number for number in range(len(cells)) if number not in kept]
-    # If a remaining column has the same title, the omitted title is listed with its upper headings.
+    # If an omitted title also occurs in the table, add the headings above the title.
     titles = {table.columns[number].title for number in kept}
     names = dict.fromkeys(
         column.full_title if column.title in titles else column.title
@@ -175,7 +176,10 @@ def _without_empty_columns(table: Table) -> Table:
 
 
 def _latex_headings(table: Table) -> list[str]:
-    """Return the lines of the header: each level of headings with a rule below it, then the titles."""
+    """Return the header lines of a table.
+
+    Each level of headings has a rule below it, and the titles come last.
+    """
     lines = []
     first = len(table.heads) + 1
     for level in range(table.depth):
@@ -192,7 +196,7 @@ def _latex_headings(table: Table) -> list[str]:
 
 
 def _latex_rows(table: Table, marks: dict[str, str]) -> list[str]:
-    """Return the lines of all rows; labels that repeat the row above are left blank."""
+    """Return the lines of all rows. Labels that repeat the row above are left blank."""
     lines: list[str] = []
     width = len(table.heads) + len(table.columns)
     section = ""
@@ -213,7 +217,7 @@ def _latex_rows(table: Table, marks: dict[str, str]) -> list[str]:
 
 
 def _latex_cell(cell: TableCell, marks: dict[str, str]) -> str:
-    # Like the paper, print a dash for missing values and small capitals for N/A.
+    # Print a dash for missing values and small capitals for N/A, as in the paper.
     text = {"--": "--", "N/A": r"\textsc{N/A}"}.get(cell.text) or escape_latex(cell.text)
     text = rf"\textbf{{{text}}}" if cell.bold else text
     footnotes = ",".join(marks[note] for note in cell.footnotes)

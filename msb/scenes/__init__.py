@@ -1,6 +1,6 @@
 """Cameras and scenes: the camera class, readers of camera files, and camera paths.
 
-docs/cameras.md describes conventions and formats, docs/datasets.md the datasets.
+The conventions and formats are described in docs/cameras.md, the datasets in docs/datasets.md.
 """
 
 from msb.scenes.camera import Camera

@@ -1,4 +1,4 @@
-"""Cameras around or inside an asset, for assets without cameras."""
+"""Generated cameras around or inside an asset, for assets that come without cameras."""
 
 import math
 from collections.abc import Iterable
@@ -21,16 +21,17 @@ from msb.scenes.poses import MAX_COORDINATE, look_at_pose
 _FOV_Y = math.radians(40)
 # Vertical field of view of cameras inside an asset, in radians.
 _FOV_INSIDE = math.radians(60)
-# Quantile on each side that is ignored when the bulk of the faces is located.
+# Share of the faces to ignore at each end of an axis when the dense region is searched.
 _LEAST = 0.02
-# Largest number of faces that are examined. In a larger asset, a surface of few faces may be missed.
+# Largest number of faces that are examined. An asset with more faces is sampled. A surface of few faces may
+# then be missed.
 _SAMPLES = 200_000
-# Threshold of the ratio in `is_surrounded`.
-# The ratio is 4 to 6 for captures in front of walls, and 0.7 to 1.5 for objects and empty rooms.
+# If the ratio of two distances is larger, `is_surrounded` returns True. In tests, the ratio was 4 to 6 for
+# captures with a background, and 0.7 to 1.5 for objects and empty rooms.
 _SURROUNDED = 2.5
-# Distance of a turntable as a multiple of the distance where the bounding sphere fills the image.
+# Distance of a turntable camera, relative to the distance of a camera whose image the bounding sphere fills.
 _MARGIN = 1.05
-# Largest ratio of the sides of images that a box fills, and the free space around the box.
+# Largest aspect ratio of images of a box, and ratio between the size of the image and the size of the box.
 _MAX_RATIO, _BOX_MARGIN = 2.0, 1.1
 # Default elevation of a turntable's cameras above the horizon, in degrees.
 ELEVATION = 20.0
@@ -45,11 +46,11 @@ def make_turntable(
     elevation: float = ELEVATION,
     framing: Framing | None = None,
 ) -> list[Camera]:
-    """Return a turntable of `count` cameras in the scene that see the asset, `elevation` degrees high.
+    """Return `count` turntable cameras around the asset, at `elevation` degrees above the horizon.
 
-    `up` is the axis of the turntable, such as "+y"; the default is the asset's `up_axis`. `framing` is the
-    visible part, by default everything except far outliers. If the asset is too large or too far away for
-    cameras, CAMERA_PATH is raised.
+    `up` is the axis of the turntable, such as "+y". The default is the asset's `up_axis`. Pass the visible
+    part as `framing`. The default is all faces except far outliers. Raise CAMERA_PATH if the asset is too
+    large or too far away for cameras.
     """
     sphere = framing or find_framing(asset)
     vector = _vector(up or up_axis(asset))
@@ -78,10 +79,10 @@ def make_rings(
     pixels: int,
     up: str | None = None,
 ) -> list[Camera]:
-    """Return rings of cameras whose images the framed box fills.
+    """Return rings of cameras. The framed box fills the image of each camera.
 
-    `rings` has the degrees above the horizon and the number of cameras of each ring. Images have about
-    `pixels` pixels, and are as tall or wide as the box.
+    `rings` lists the elevation in degrees and the number of cameras of each ring. Images have about `pixels`
+    pixels and the aspect ratio of the box.
     """
     axis = up or up_axis(asset)
     low, high = (np.array(corner) for corner in framing.box or ())
@@ -89,7 +90,8 @@ def make_rings(
     upright = "xyz".index(axis[1])
     tall = float(half[upright])
     wide = float(np.linalg.norm(np.delete(half, upright)))
-    # The image has the proportions of the box, within limits, and the narrow side decides the distance.
+    # The image has the aspect ratio of the box, within limits. The distance of the camera depends on the
+    # narrow side of the image.
     ratio = min(max(wide / tall, 1 / _MAX_RATIO), _MAX_RATIO)
     height = round(math.sqrt(pixels / ratio))
     width = round(height * ratio)
@@ -114,7 +116,7 @@ def make_rings(
 
 
 def _check_reach(asset: Asset, sphere: Framing, distance: float) -> None:
-    """Raise CAMERA_PATH if no camera can be `distance` away from the middle of the framed part."""
+    """Raise CAMERA_PATH if cameras at `distance` from the framed part exceed the coordinate limit."""
     bounds = asset.manifest.bounds
     far = max(map(abs, sphere.center)) + distance
     if far > MAX_COORDINATE:
@@ -125,12 +127,12 @@ def _check_reach(asset: Asset, sphere: Framing, distance: float) -> None:
 
 
 class Bulk(NamedTuple):
-    """The region with most faces of an asset, measured on a sample of the faces in float64.
+    """The region with most faces of an asset. The region is computed in float64 from a sample of the faces.
 
     Outliers are ignored.
     """
 
-    # (n, 3, 3) corners of all sampled faces, outliers included, relative to the asset's origin.
+    # (n, 3, 3) corners of all sampled faces, including outliers, relative to the asset's origin.
     corners: NDArray[np.float64]
     # (3,) bounds and median of the faces' centroids, without outliers.
     low: NDArray[np.float64]
@@ -139,7 +141,7 @@ class Bulk(NamedTuple):
 
 
 def find_bulk(asset: Asset, framing: Framing) -> Bulk:
-    """Return the region with most of an asset's framed faces; large assets are sampled evenly."""
+    """Return the region that contains most of an asset's framed faces. Large assets are sampled evenly."""
     faces = asset.buffers["indices"]
     if framing.framed is not None:
         faces = faces[framing.framed]
@@ -152,11 +154,11 @@ def find_bulk(asset: Asset, framing: Framing) -> Bulk:
 def place_inside(
     asset: Asset, framing: Framing, bulk: Bulk, outside: Iterable[Camera], up: str | None = None
 ) -> list[Camera]:
-    """Return cameras within an asset, halfway between its middle and the faces around it.
+    """Return cameras inside an asset, halfway between its middle and the surrounding faces.
 
-    The cameras `outside` look at the framed part of the asset. For each of these cameras, a camera on the
-    same side with the same image size is returned. Each camera looks through the middle to the opposite side.
-    The result is empty if most of the asset is flat.
+    The cameras `outside` look at the framed part of the asset. For each camera in `outside`, the result has a
+    camera on the same side and with the same image size. Each inner camera looks through the middle to the
+    opposite side. If most of the asset is flat, the result is empty.
     """
     low, middle, high = bulk.low, bulk.middle, bulk.high
     if not (low < middle).all() or not (middle < high).all():
@@ -164,8 +166,8 @@ def place_inside(
     vector = _vector(up or up_axis(asset))
     cameras, origin = [], np.asarray(asset.manifest.origin)
     for camera in outside:
-        # A ray goes from the middle along `away`. Compute for each axis where the ray leaves the bounds of
-        # most faces, as a multiple of `away`.
+        # Follow the ray from the middle in the direction `away`. Compute the point where the ray leaves the
+        # box around most faces, for each axis.
         away = camera.relative_to(origin).center - framing.center
         reach = np.where(away > 0, high - middle, middle - low) / np.maximum(np.abs(away), 1e-300)
         eye = middle + 0.5 * reach.min() * away
@@ -176,17 +178,17 @@ def place_inside(
 
 
 def is_surrounded(bulk: Bulk) -> bool:
-    """Return whether a few large faces surround many small ones, like walls or hills in a capture.
+    """Return whether a few large faces surround many small faces, like walls or hills in a capture.
 
-    Large surrounding faces put half of the area much farther from the middle than half of the faces.
+    Large surrounding faces affect the area-weighted median of the distance, but hardly the median over the
+    faces.
     """
     middles = bulk.corners.mean(axis=1)
     kept = ((bulk.low <= middles) & (middles <= bulk.high)).all(axis=1)
     sides = bulk.corners[kept, 1:] - bulk.corners[kept, :1]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     away = np.linalg.norm(middles[kept] - bulk.middle, axis=1)
-    # Compare the distance from the middle within which half of the area lies with the distance for half of
-    # the faces.
+    # Compute the median distance from the middle, once weighted by area and once over the faces.
     order = np.argsort(away)
     total = np.cumsum(area[order])
     if not total.size or not np.isfinite(total[-1]):
@@ -196,5 +198,5 @@ def is_surrounded(bulk: Bulk) -> bool:
 
 
 def _vector(axis: str) -> list[float]:
-    """Return the unit vector of an axis such as "-y", or of three numbers "X,Y,Z"."""
+    """Return the unit vector of an axis, given as text such as "-y" or as three numbers "X,Y,Z"."""
     return list(parse_up(axis))

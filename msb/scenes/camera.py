@@ -1,4 +1,4 @@
-"""The camera class of the package: a pinhole camera with OpenCV axes."""
+"""The camera class of the package: a pinhole camera with the axes of OpenCV."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ _Frame = TypeVar("_Frame", bound=Any)
 class Camera:
     """A pinhole camera: x_camera = W x_world, then u = fx x / z + cx, v = fy y / z + cy.
 
-    Axes are OpenCV's: x right, y down, z forward. Pixel (0, 0) has its centre at u, v = (0.5, 0.5); the image
-    spans u in [0, width] and v in [0, height].
+    Axes follow OpenCV: x right, y down, z forward. Pixel (0, 0) has its centre at u, v = (0.5, 0.5). The
+    image spans u in [0, width] and v in [0, height].
 
     Parameters
     ----------
@@ -45,23 +45,24 @@ class Camera:
     cx, cy : float
         Principal point in pixels; (width / 2, height / 2) is the centre.
     world_to_camera : (4, 4) array_like
-        The matrix W for column vectors, stored as a read-only float64 copy. Its rotation must be orthonormal
-        to 2e-4 with determinant +1, and its last row 0 0 0 1. Beyond 1e-4 the nearest rotation is stored.
+        The matrix W for column vectors, stored as a read-only float64 copy. The rotation must be orthonormal
+        to 2e-4 with determinant +1, and the last row must be 0 0 0 1. A rotation with a larger error than
+        1e-4 is replaced by the nearest rotation.
     name : str, optional
         A relative path with forward slashes, usually the image's file name below its folder.
     image_path : Path, optional
         The path of the photograph in the dataset; the file may be missing.
     source_size : (int, int), optional
-        The recorded width and height, if they differ from this camera's size.
+        The recorded image width and height, if they differ from this camera's size.
     split : {"train", "val", "test"}, optional
         The part of the dataset that the camera belongs to, if the dataset states it.
     unit : float
-        The length in the world that renderers use as unit of depth, for example for the near plane of 0.01
-        on the standard tier. It is 1, except for cameras made for very small or large objects
+        The length in the world that counts as depth 1 in renderers. The near plane of the standard tier is at
+        depth 0.01. The unit is 1, except for cameras around very small or large objects
         (`msb.scenes.turntable`).
     distortion : Distortion, optional
         The distortion of the lens that took the photograph at `image_path`. Projection and renderers ignore
-        it; `msb.scenes.lenses` undistorts photographs.
+        the distortion. Photographs are undistorted by `msb.scenes.lenses`.
 
     Raises
     ------
@@ -96,8 +97,7 @@ class Camera:
         pose = check_pose(self.world_to_camera, "world_to_camera")
         pose.setflags(write=False)
         values: dict[str, Any] = {"width": width, "height": height, "world_to_camera": pose}
-        # Convert all values to Python numbers, so that equal cameras compare equal and can be written as
-        # JSON.
+        # Convert all values to Python numbers. Cameras can then be compared and written as JSON.
         values |= {key: check_pixels(key, getattr(self, key), MIN_FOCAL) for key in ("fx", "fy")}
         values |= {key: check_pixels(key, getattr(self, key)) for key in ("cx", "cy")}
         if self.name is not None:
@@ -133,7 +133,7 @@ class Camera:
         width, height = check_size((width, height))
         fx = None if fov_x is None else focal_from_fov(fov_x, width, "fov_x")
         fy = fx if fx is not None and fov_y is None else focal_from_fov(fov_y, height, "fov_y")
-        pose = cast("NDArray[np.float64]", world_to_camera)  # the constructor converts and checks it
+        pose = cast("NDArray[np.float64]", world_to_camera)  # the constructor checks the type
         return cls(width, height, fy if fx is None else fx, fy, width / 2, height / 2, pose, name)
 
     @classmethod
@@ -150,9 +150,9 @@ class Camera:
     ) -> Camera:
         """Return a camera at `eye` that looks at `target`, with square pixels.
 
-        `up` is the direction in the world that is up in the image: -y in most COLMAP scenes and in models
-        trained on them, (0, 1, 0) for mesh files, (0, 0, 1) in NeRF-Synthetic and Blender. `fov_y` is the
-        full vertical angle in radians.
+        `up` is the world direction that points up in the image. The up direction is -y in most COLMAP scenes
+        and their models, (0, 1, 0) for mesh files, and (0, 0, 1) in NeRF-Synthetic and Blender. `fov_y` is
+        the full vertical angle in radians.
         """
         return cls.from_fov(width, height, look_at_pose(eye, target, up), fov_y=fov_y, name=name)
 
@@ -184,9 +184,12 @@ class Camera:
         return 2 * math.atan(self.height / (2 * self.fy))
 
     def project(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the pixels (..., 2) float64 and depths (...) along z of points (..., 3) in the world.
+        """Project points (..., 3).
 
-        Pixel coordinates are u to the right and v down, NaN for points with a depth of 0 or less.
+        Return pixels (..., 2) float64, and depths (...) along the camera's z axis.
+
+        Pixel coordinates are u to the right and v down. Coordinates of points with a depth of 0 or less are
+        NaN.
         """
         rotation, translation = self.world_to_camera[:3, :3], self.world_to_camera[:3, 3]
         local = np.asarray(points, dtype=np.float64) @ rotation.T + translation
@@ -196,10 +199,10 @@ class Camera:
             return local[..., :2] / seen * (self.fx, self.fy) + (self.cx, self.cy), depth
 
     def resized(self, width: int, height: int) -> Camera:
-        """Return the camera of the same image at another size.
+        """Return this camera with an image of another size.
 
-        Each axis is scaled separately, so the angles of view and the visible content stay the same. The old
-        size is stored as `source_size`, unless the camera has one already.
+        Each axis is scaled separately, so the angles of view stay the same. The old size is stored as
+        `source_size`, unless the camera already has a `source_size`.
         """
         width, height = check_size((width, height))
         if (width, height) == (self.width, self.height):
@@ -217,10 +220,10 @@ class Camera:
         )
 
     def scaled(self, factor: float) -> Camera:
-        """Return the camera of the same image at `factor` times its size, rounded half up to whole pixels.
+        """Return the camera for the same image scaled by `factor`. Sides are rounded half up to whole pixels.
 
-        Intrinsics follow the rounded size. Datasets round in different ways: if the image exists, pass its
-        size to `resized`.
+        Focal lengths and principal point follow the rounded size. Datasets round sizes in different ways. If
+        the image exists, pass its size to `resized` instead.
         """
         if not 0 < factor <= MAX_SIDE:
             text = f"the scale factor is {factor}; it must be positive and at most {MAX_SIDE}"
@@ -237,9 +240,9 @@ class Camera:
         return replace(self, world_to_camera=pose)
 
     def in_units(self, origin: ArrayLike = NO_ORIGIN) -> Camera:
-        """Return the camera that renderers use: lengths and depths are multiples of `unit`.
+        """Return the camera for renderers. The lengths and depths of the camera are multiples of `unit`.
 
-        Its coordinates are relative to `origin`, as the positions of an asset are.
+        The result is relative to `origin`, like the positions of an asset.
         """
         if np.any(origin):
             return self.relative_to(origin).in_units()
@@ -251,7 +254,7 @@ class Camera:
         return _InUnits(**{**values, "world_to_camera": pose, "unit": 1.0})
 
     def in_world(self, frame: _Frame) -> _Frame:
-        """Return a frame that was rendered with `in_units()`, with its depths converted to scene units."""
+        """Convert the depths of a frame that was rendered with `in_units()` to scene units."""
         if self.unit == 1:
             return frame
         planes = {name: getattr(frame, name) for name in ("depth", "depth_median")}
@@ -261,8 +264,8 @@ class Camera:
     def centered(self) -> Camera:
         """Return the camera with its principal point in the middle of the image.
 
-        The 3DGS family renders this camera, because it reads the angles of view and ignores cx and cy
-        (`graphdeco-inria/gaussian-splatting`: scene/dataset_readers.py, utils/graphics_utils.py).
+        The 3DGS family ignores cx and cy and renders this camera (`graphdeco-inria/gaussian-splatting`:
+        scene/dataset_readers.py, utils/graphics_utils.py).
         """
         return replace(self, cx=self.width / 2, cy=self.height / 2)
 
@@ -279,12 +282,12 @@ class Camera:
         return hash(self._key())
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
-        # Unpickled arrays are writable; the constructor makes them read-only again.
+        # Unpickled arrays are writable, so call the constructor, which makes them read-only.
         return Camera, self._values()
 
 
 class _InUnits(Camera):
-    """A camera whose axes do not have length 1, so its pose is not checked."""
+    """A camera with scaled axes, whose pose is not validated."""
 
     def __post_init__(self) -> None:
         self.world_to_camera.setflags(write=False)

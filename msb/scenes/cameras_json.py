@@ -1,7 +1,7 @@
 """Read cameras.json, which the 3DGS family writes beside a trained model.
 
-Source: `graphdeco-inria/gaussian-splatting`: utils/camera_utils.py, scene/__init__.py. The file stores no
-principal point. Sizes and focal lengths in the file belong to the original photographs.
+Source: `graphdeco-inria/gaussian-splatting`: utils/camera_utils.py, scene/__init__.py. cameras.json stores no
+principal point. Image sizes and focal lengths in cameras.json belong to the original photographs.
 """
 
 from collections import Counter
@@ -14,10 +14,10 @@ from msb.scenes.poses import invert_pose
 
 
 def read(root: Node) -> list[Camera]:
-    """Return the cameras in the file's order: first the test split, then the training split.
+    """Return the cameras of the file: first the test split, then the training split.
 
-    `img_name` is the file name up to its first dot. If two images have the same `img_name`, "-ID" is added to
-    both names.
+    `img_name` is the image's file name up to its first dot. Images with equal `img_name` get the suffix
+    "-ID".
     """
     names = Counter(node["img_name"].text() for node in root.items())
     cameras = []

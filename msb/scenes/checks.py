@@ -1,4 +1,4 @@
-"""Checks of the single values of a camera. Each function raises CAMERA_INVALID with a clear message."""
+"""Validation of each value of a camera. Each function raises CAMERA_INVALID with a clear message."""
 
 import math
 import operator
@@ -12,12 +12,12 @@ from msb.errors import SceneError, shorten
 Split = Literal["train", "val", "test"]
 SPLITS: tuple[str, ...] = get_args(Split)
 
-# Largest width and height in pixels, which is the limit of JPEG. Graphics cards allow less.
+# Largest width and height in pixels, which is the limit of JPEG. Graphics cards have lower limits.
 MAX_SIDE = 65535
-# Largest number of pixels of an image: as float32 RGB they take 3 GiB.
+# Largest number of pixels of an image, which take 3 GiB as float32 RGB.
 MAX_PIXELS = 1 << 28
-# Least and greatest focal length in pixels. Beyond these limits a float32 renderer has a field of view of 180
-# or 0 degrees.
+# Smallest and largest focal length in pixels. Outside this range, the field of view is 180 or 0 degrees in
+# float32.
 MIN_FOCAL, MAX_FOCAL = 1e-9, 1e9
 # Longest name of a camera, in characters.
 MAX_NAME = 1024
@@ -48,7 +48,7 @@ def _side(what: str, value: int) -> int:
 def check_pixels(what: str, value: float, least: float = -MAX_FOCAL) -> float:
     """Return `value` as a float if it is a valid coordinate of the principal point in pixels.
 
-    For focal lengths pass `MIN_FOCAL` as `least`.
+    For a focal length, pass `MIN_FOCAL` as `least`.
     """
     if not least <= value <= MAX_FOCAL:
         text = (
@@ -59,7 +59,7 @@ def check_pixels(what: str, value: float, least: float = -MAX_FOCAL) -> float:
 
 
 def focal_from_fov(angle: float | None, side: int, what: str) -> float:
-    """Return the focal length in pixels of an image of `side` pixels with the full `angle` (radians)."""
+    """Return the focal length in pixels of an image of `side` pixels with the full `angle` in radians."""
     if angle is None or not 0 < angle < math.pi:
         text = f"{what} is {_abbreviated(angle)}; it must be an angle in radians between 0 and pi"
         raise SceneError("CAMERA_INVALID", text)
@@ -69,7 +69,7 @@ def focal_from_fov(angle: float | None, side: int, what: str) -> float:
 def check_name(name: str) -> None:
     """Check that `name` is a valid relative file name on every system.
 
-    Names come from files and become names of outputs, so they must not point outside a folder.
+    Camera names from files become names of output files, so they must not point outside a folder.
     """
     if not 0 < len(name) <= MAX_NAME:
         text = f"the name is {_abbreviated(name)}; it must be text of 1 to {MAX_NAME} characters"

@@ -22,21 +22,24 @@ from msb.scenes.poses import rotation_from_quaternion
 from msb.scenes.source import Source
 
 _Record = TypeVar("_Record", "Lens", "Shot")
-# The reader of each format by its suffix. The binary format is preferred, like in the 3DGS family.
+# The reader of each format, by the suffix of its files. The binary format is preferred, as in the 3DGS
+# family.
 _FORMS: dict[str, ModuleType] = {".bin": colmap_binary, ".txt": colmap_text}
 
-# Largest number of cameras of a model. A camera takes about 0.5 kB of memory and 60 microseconds, but its
-# record in a malicious file only 73 bytes.
+# Largest number of cameras of a model. A camera takes about 0.5 kB of memory and 60 microseconds. A malicious
+# file can declare a camera in 73 bytes.
 MAX_CAMERAS = 1 << 20
-# Least length of a quaternion. COLMAP writes unit quaternions; shorter ones have no precise direction.
+# Smallest accepted length of a quaternion. COLMAP writes unit quaternions. The direction of a much shorter
+# quaternion would be inexact.
 MIN_QUATERNION = 1e-9
 
 
 def find_model(folder: Path) -> Path | None:
     """Return the folder of a scene's COLMAP model, or None if it has no model.
 
-    It is the folder itself, else the model with the most images in `sparse` (COLMAP numbers them: 0, 1, ...;
-    the lowest number if several have as many), else `sparse`.
+    The folder itself is searched first, then the numbered models in `sparse`, and then `sparse`. The numbered
+    model with the most images is used. COLMAP numbers the models in `sparse`: 0, 1, ... If several models
+    have the same number of images, the model with the lowest number is used.
     """
     if _is_model(folder):
         return folder
@@ -57,7 +60,10 @@ def list_models(folder: Path) -> list[Path]:
 
 
 def count_images(model: Path) -> int:
-    """Return the number of images of a model without reading them; 0 if its file is missing or damaged."""
+    """Return the number of images of a model without reading the images.
+
+    For a missing or damaged file, the result is 0.
+    """
     with contextlib.suppress(MsbError):
         for suffix, form in _FORMS.items():
             if is_file(model / f"images{suffix}"):
@@ -66,7 +72,7 @@ def count_images(model: Path) -> int:
 
 
 def _is_model(folder: Path) -> bool:
-    """Return whether a folder has a file of a COLMAP model."""
+    """Return whether a folder contains a file of a COLMAP model."""
     names = (f"{part}{suffix}" for part in ("cameras", "images", "points3D") for suffix in _FORMS)
     return any(is_file(folder / name) for name in names)
 
@@ -74,8 +80,8 @@ def _is_model(folder: Path) -> bool:
 def read_model(folder: Path) -> list[Camera]:
     """Return a camera for each image of the COLMAP model in `folder`, in the file's order.
 
-    The principal point and the lens distortion are kept as recorded. If the folder is a scene's `sparse/0` or
-    `sparse`, `image_path` is the name below the scene's folder `images`.
+    The recorded principal point and lens distortion are kept. If the folder is `sparse/0` or `sparse` of a
+    scene, `image_path` is a file in the scene's folder `images`.
     """
     suffix = _find_suffix(folder, ("cameras", "images"))
     form = _FORMS[suffix]
@@ -94,7 +100,7 @@ def read_model(folder: Path) -> list[Camera]:
 
 
 def _check_unique(what: str, records: Iterable[_Record], source: Source) -> Iterator[_Record]:
-    """Yield the records of a file; raise an error for a repeated id."""
+    """Yield the records of a file. A repeated id is an error."""
     seen: set[int] = set()
     for record in records:
         if record.number in seen:
@@ -141,7 +147,7 @@ def read_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDAr
 
 
 def _find_suffix(folder: Path, parts: tuple[str, ...]) -> str:
-    """Return the suffix of the format in which the folder contains all `parts`."""
+    """Return the suffix of a format if the folder contains all files `parts` in this format."""
     for suffix in _FORMS:
         if all(is_file(folder / f"{part}{suffix}") for part in parts):
             return suffix
@@ -150,7 +156,7 @@ def _find_suffix(folder: Path, parts: tuple[str, ...]) -> str:
 
 
 def _image_folder(model: Path) -> Path | None:
-    """Return the folder of the photographs if `model` is in a scene's usual place."""
+    """Return the folder of the photographs that belong to `model`, or None for a model outside a scene."""
     place = Path(os.path.abspath(model))  # noqa: PTH100 - resolve() would follow links
     if place.name.isdigit():
         place = place.parent
@@ -181,6 +187,6 @@ def _camera(
     pose[:3, :3] = rotation_from_quaternion(shot.quaternion)
     pose[:3, 3] = shot.translation
     with shot_file.locating(shot.pointer, what):
-        check_name(name)  # before a file of this name is searched
+        check_name(name)  # reject an invalid name before searching its file
         image = None if images is None else images.find(name)
         return Camera(*intrinsics, pose, name, image, distortion=distortion)

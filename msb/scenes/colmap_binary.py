@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from msb.scenes.colmap_models import MODEL_NAMES, Lens, Shot, model_parameters
 from msb.scenes.source import Source
 
-# Layouts of the records. Number of records. Camera: id, model, width, height. Image: id, quaternion,
-# translation, camera id. Point: id, position, colour, error, track length.
+# Layouts of the records in the binary files. Number of records. Camera record: id, model, width, height.
+# Image record: id, quaternion, translation, camera id. Point record: id, position, colour, error, track
+# length.
 _COUNT = struct.Struct("<Q")
 _LENS = struct.Struct("<iiQQ")
 _SHOT = struct.Struct("<i4d3di")
@@ -25,12 +26,12 @@ _POINT = struct.Struct("<Q3d3BdQ")
 _POINT_TRACK_LENGTH = _POINT.size - _COUNT.size
 _TRACK_ELEMENT = struct.Struct("<ii").size
 _POINT_2D = struct.Struct("<ddq").size
-# Points that are gathered at once, to limit temporary memory.
+# Number of points that are gathered at once, to limit temporary memory.
 _POINTS_AT_A_TIME = 1 << 14
 
 
 class _Cursor:
-    """A position in a binary file, which never moves past the end of the file."""
+    """A read position in a binary file. The position never moves past the end of the file."""
 
     def __init__(self, source: Source) -> None:
         self.source = source
@@ -42,11 +43,16 @@ class _Cursor:
         return f"byte {self.at}"
 
     def count(self, what: str, least: int) -> int:
-        """Return the declared number of records; if the file is too short for them, raise an error."""
+        """Return the declared number of records.
+
+        Raise an error if the file is too short for this number of records.
+        """
         (count,) = self.take(_COUNT, "the number of records")
         if count * least > self.size - self.at:
             left = self.size - self.at
-            text = f"{count} {what} of at least {least} bytes each are declared; {left} bytes follow"
+            text = (
+                f"{count} {what} of at least {least} bytes each are declared; the file has {left} more bytes"
+            )
             raise self.source.error("COLMAP_INVALID", text, pointer="byte 0")
         return int(count)
 
@@ -56,7 +62,7 @@ class _Cursor:
         return layout.unpack_from(self.source.data, start)
 
     def skip(self, size: int, what: str) -> int:
-        """Move past `size` bytes and return the position where they begin."""
+        """Skip `size` bytes and return the position of the first skipped byte."""
         start = self.at
         if size > self.size - start:
             text = f"the file ends within {what}, {size - (self.size - start)} bytes too early"
@@ -91,7 +97,7 @@ def count_shots(source: Source) -> int:
 
 
 def read_shots(source: Source) -> Iterator[Shot]:
-    """Yield the records of images.bin; the 2D points are skipped."""
+    """Yield the records of images.bin, without the 2D points."""
     cursor = _Cursor(source)
     for index in range(cursor.count("images", _SHOT.size + 1 + _COUNT.size)):
         pointer, what = cursor.pointer, f"image {index}"
@@ -111,8 +117,8 @@ def read_shots(source: Source) -> Iterator[Shot]:
 def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """Return the positions and colours of points3D.bin.
 
-    Records differ in length because of their tracks. A first pass follows the lengths and stores where each
-    record begins; then the values are gathered many at a time.
+    Records of points differ in length because of their tracks. A first pass reads the lengths and stores the
+    start of each record. A second pass gathers the values in blocks.
     """
     cursor = _Cursor(source)
     count = cursor.count("points", _POINT.size)
@@ -134,7 +140,7 @@ def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]
 
 
 def _starts_of_points(cursor: _Cursor, count: int) -> array[int]:
-    """Return the offset of each record in bytes; raise an error if a record exceeds the file."""
+    """Return the offset of each record in bytes. A record that exceeds the file is an error."""
     length_of_track, data, size = _COUNT.unpack_from, cursor.source.data, cursor.size
     starts = array("q")
     at = cursor.at

@@ -1,7 +1,7 @@
-"""COLMAP's camera models: the order of their parameters, and their pinhole part.
+"""COLMAP's camera models: the order of their parameters, and their pinhole parameters.
 
-Names, ids and the order of parameters: `colmap/colmap`: src/colmap/sensor/models.h. Parameters are the focal
-lengths (one for both axes, or fx and fy), cx, cy, and the distortion coefficients.
+Names, ids and the order of parameters: `colmap/colmap`: src/colmap/sensor/models.h. The parameters of a model
+are the focal lengths (one for both axes, or fx and fy), cx, cy, and the distortion coefficients.
 """
 
 from dataclasses import dataclass
@@ -48,7 +48,10 @@ MODEL_NAMES = {model.number: name for name, model in MODELS.items()}
 
 
 def model_parameters(name: str | None, given: str) -> int:
-    """Return the number of parameters of model `name`; `given` is its spelling in the file."""
+    """Return the number of parameters of the camera model `name`.
+
+    Errors quote `given`, its spelling in the file.
+    """
     if name not in MODELS:
         text = (
             f"the camera model {shorten(given, 40)} is not a known lens (pinhole, radial, OpenCV, fisheye, "
@@ -60,9 +63,9 @@ def model_parameters(name: str | None, given: str) -> int:
 
 @dataclass(frozen=True)
 class Lens:
-    """One record of a cameras file, not yet checked: id, key of `MODELS`, size and parameters.
+    """An unchecked camera record: id, key of `MODELS`, size and parameters.
 
-    `pointer` is its place in the file.
+    `pointer` is the position of the record in the file.
     """
 
     number: int
@@ -82,7 +85,7 @@ class Lens:
         return width, height, fx, fy, cx, cy
 
     def distortion(self) -> Distortion | None:
-        """Return the distortion; None for a pinhole camera, also if all coefficients are 0."""
+        """Return the lens distortion; None for a pinhole camera or if all coefficients are 0."""
         return make_distortion(self.model, self.parameters[MODELS[self.model].focals + 2 :])
 
 
@@ -90,8 +93,8 @@ class Lens:
 class Shot:
     """One record of an images file, not yet checked: id, pose, camera id, and image name.
 
-    `quaternion` (w, x, y, z) and `translation` transform from world to camera. `pointer` is its place in the
-    file.
+    `quaternion` (w, x, y, z) and `translation` transform from world to camera. `pointer` is the position of
+    the record in the file.
     """
 
     number: int

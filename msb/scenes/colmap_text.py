@@ -16,9 +16,9 @@ from msb.errors import shorten
 from msb.scenes.colmap_models import MODELS, Lens, Shot, model_parameters
 from msb.scenes.source import Source
 
-# Longest line in bytes. The line of an image with 100,000 2D points has about 5 MB.
+# Longest accepted line in bytes. The line of an image with 100,000 2D points takes about 5 MB.
 MAX_LINE = 1 << 24
-# Bytes of text that are split into lines at a time.
+# Bytes of text that are split into lines in one step.
 _BLOCK = 1 << 20
 _MOST_WORDS = 4 + max(model.parameters for model in MODELS.values())
 _INTEGER = re.compile(rb"[+-]?\d{1,18}")
@@ -41,7 +41,7 @@ def read_lenses(source: Source) -> Iterator[Lens]:
 
 
 def count_shots(source: Source) -> int:
-    """Return the number of images of images.txt, which has two lines for each."""
+    """Return the number of images of images.txt, which has two lines per image."""
     lines = _lines(source)
     return sum(1 for line in lines if line.is_record() and next(lines, True))
 
@@ -49,8 +49,7 @@ def count_shots(source: Source) -> int:
 def read_shots(source: Source) -> Iterator[Shot]:
     """Yield the records of images.txt: ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of 2D points.
 
-    The second line is empty for an image without points, but always belongs to the image. A name may contain
-    spaces.
+    The second line of an image lists its 2D points and may be empty. The name of an image may contain spaces.
     """
     lines = _lines(source)
     for line in filter(_Line.is_record, lines):
@@ -71,7 +70,7 @@ def read_shots(source: Source) -> Iterator[Shot]:
 
 def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """Return the positions and colours of points3D.txt: ID X Y Z R G B ERROR TRACK..."""
-    values, places = array("d"), array("q")  # lists would take four times the memory
+    values, places = array("d"), array("q")  # lists of Python numbers would take four times the memory
     for line in filter(_Line.is_record, _lines(source)):
         words = line.text.split(None, 8)
         if len(words) < 8:
@@ -110,7 +109,7 @@ class _Line:
         return bool(text) and not text.startswith(b"#")
 
     def word_count(self) -> int:
-        """Return the number of words without creating a list, because lines of 2D points are long."""
+        """Return the number of words. Do not split the line, because lists of 2D points are long."""
         dark = np.frombuffer(self.text, dtype=np.uint8) > ord(" ")
         return int(np.count_nonzero(dark[1:] & ~dark[:-1]) + np.count_nonzero(dark[:1]))
 
@@ -125,7 +124,7 @@ class _Line:
         return int(word)
 
     def number(self, word: bytes) -> float:
-        """Return `word` as a float."""
+        """Return `word` as a floating-point number."""
         return self.numbers([word])[0]
 
     def numbers(self, words: list[bytes]) -> list[float]:
@@ -134,7 +133,7 @@ class _Line:
             values = list(map(float, words))
         except ValueError:
             values = []
-        if not values or b"_" in b"".join(words):  # Python accepts 1_0 as 10
+        if not values or b"_" in b"".join(words):  # Python's int() would accept 1_0 as 10
             self._bad_number(b" ".join(words), "a number" if len(words) == 1 else "a row of numbers")
         return values
 
@@ -144,7 +143,7 @@ class _Line:
 
 
 def _lines(source: Source) -> Iterator[_Line]:
-    """Yield each line; the first is line 1."""
+    """Yield each line. The first line has the number 1."""
     data, size = source.data, len(source.data)
     at = len(_BYTE_ORDER_MARK) if bytes(data[:3]) == _BYTE_ORDER_MARK else 0
     index = 0
@@ -155,6 +154,6 @@ def _lines(source: Source) -> Iterator[_Line]:
             index += data[at : at + _BLOCK].count(b"\n") + 1
             text = f"the line is longer than {MAX_LINE} bytes"
             raise source.error("COLMAP_INVALID", text, pointer=f"line {index}")
-        for index, line in enumerate(data[at:end].split(b"\n"), index + 1):  # noqa: B020 - goes on counting
+        for index, line in enumerate(data[at:end].split(b"\n"), index + 1):  # noqa: B020 - continues the count
             yield _Line(source, index, line)
         at = end + 1

@@ -8,7 +8,7 @@ import numpy as np
 
 from msb.errors import UsageError, shorten
 
-# Red, green and blue, in the colour space of the image.
+# Red, green and blue in the colour space of the image.
 Color = tuple[float, float, float]
 WHITE: Color = (1.0, 1.0, 1.0)
 BLACK: Color = (0.0, 0.0, 0.0)
@@ -16,10 +16,10 @@ NAMED = {"black": BLACK, "white": WHITE}
 
 
 def parse_color(text: str, official: object = None) -> Color | None:
-    """Return the colour that `text` describes, or None if it is invalid.
+    """Return the colour that `text` describes, or None if the text is invalid.
 
-    Valid texts are black, white, #rrggbb, r,g,b in 0..1, and "official", which is replaced by the argument
-    `official`.
+    Valid texts are black, white, #rrggbb, r,g,b in 0..1, and "official". For "official", the result is the
+    argument `official`.
     """
     word = text.strip().lower()
     if word == "official":
@@ -34,13 +34,16 @@ def parse_color(text: str, official: object = None) -> Color | None:
 
 
 def unit_color(values: Iterable[float | str]) -> Color | None:
-    """Return three numbers as a colour, or None if a number is outside 0 to 1; raise ValueError for texts."""
+    """Return three numbers as a colour, or None if a number is outside 0 to 1."""
     red, green, blue = map(float, values)
     return (red, green, blue) if all(0 <= value <= 1 for value in (red, green, blue)) else None
 
 
 def check_background(background: object, official: object = None) -> Color:
-    """Return a background as a colour: three finite numbers are kept, and `parse_color` reads a text."""
+    """Return a background as a colour.
+
+    Three finite numbers are returned as a tuple. A text is parsed by `parse_color`.
+    """
     color = parse_color(background, official) if isinstance(background, str) else _three_numbers(background)
     if color is None:
         text = f"background is {shorten(repr(background), 60)}; pass three finite numbers, "
@@ -54,7 +57,7 @@ def _three_numbers(values: Any) -> Color | None:
     """Return a colour of three finite numbers, None for any other value."""
     try:
         array = np.asarray(values)
-    except Exception:  # rows of different lengths, or arrays of other libraries that cannot be converted
+    except Exception:  # the value is irregular, or NumPy cannot convert it
         return None
     if array.shape != (3,) or array.dtype.kind not in "fiu" or np.ma.is_masked(values):
         return None

@@ -1,26 +1,26 @@
-"""The dense part of Gaussian splats, without the floaters around it.
+"""The dense parts of a set of Gaussian splats, without floaters.
 
-Captures leave faint or stray Gaussians everywhere between the cameras. They have no gap to the object, so
-distances do not separate them; the opacity per volume does.
+Captures contain faint or stray Gaussians (floaters) everywhere between the cameras. Floaters and objects are
+not separated by a gap. Therefore the opacity per volume is compared, and not distances.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-# Quantile on each side of the opacity along an axis. The grid covers twice the range between them on each
-# side.
+# Share of the opacity to ignore at each end of an axis when the range is measured. The opacity grid is five
+# times as long as the measured range, with the range in its middle.
 _TAIL = 0.02
-# Cells along the longest side of that range.
+# Number of grid cells along the longest side of the measured range.
 _CELLS = 32
-# A cell is dense if its opacity is at least this share of the opacity of a typical dense cell: half of all
-# opacity is in cells that have at least as much as the typical one.
+# A grid cell is dense if its opacity is at least this share of the typical opacity. Cells with at least the
+# typical opacity contain half of all opacity.
 _DENSE = 0.02
-# Dense parts with less than this share of the opacity of the largest one are floaters.
+# A dense part is a floater if it has less than this share of the largest part's opacity.
 _MIN_PART = 0.02
 
 
 def find_dense(points: NDArray[np.floating], weight: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Return a mask (N,) of the points in the dense parts; `weight` (N,) is their opacity.
+    """Return a mask (N,) of the points in the dense parts. `weight` (N,) is the opacity of each point.
 
     All points are returned if their range is empty or not finite. O(N) time.
     """
@@ -29,7 +29,7 @@ def find_dense(points: NDArray[np.floating], weight: NDArray[np.floating]) -> ND
     shares = [np.cumsum(weight[rows], dtype=np.float64) for rows in order]
     if not len(points) or not shares[0][-1] > 0:
         return np.ones(len(points), bool)
-    # The range of most of the opacity, and a grid around it with one more cell on each side.
+    # Compute the range of most of the opacity, and a grid around this range with one extra cell on each side.
     low, high = (
         np.array(
             [
@@ -48,7 +48,7 @@ def find_dense(points: NDArray[np.floating], weight: NDArray[np.floating]) -> ND
     is_inside = ((place >= 1) & (place < np.array(shape) - 1)).all(axis=1)
     index = np.ravel_multi_index(tuple(place[is_inside].astype(np.int64).T), shape)
     mass = np.bincount(index, weight[is_inside], int(np.prod(shape))).astype(np.float64)
-    # The typical dense cell, and the dense parts.
+    # Compute the opacity of the typical cell, then find the dense parts.
     falling = np.sort(mass)[::-1]
     typical = falling[np.searchsorted(np.cumsum(falling), falling.sum() / 2)]
     dense = (mass >= _DENSE * typical).reshape(shape)
@@ -59,7 +59,10 @@ def find_dense(points: NDArray[np.floating], weight: NDArray[np.floating]) -> ND
 
 
 def _keep_large_parts(dense: NDArray[np.bool_], mass: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return the dense cells that belong to parts with enough opacity. Parts may have gaps of two cells."""
+    """Return the dense grid cells, without the cells of small parts.
+
+    Cells of one dense part may be separated by gaps of two cells.
+    """
     from scipy.ndimage import label
 
     parts, count = label(_grow(dense))
@@ -68,7 +71,10 @@ def _keep_large_parts(dense: NDArray[np.bool_], mass: NDArray[np.float64]) -> ND
 
 
 def _grow(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the cells and their neighbours along each axis and diagonal. Border cells must be empty."""
+    """Return the given cells and all their neighbours, including diagonal neighbours.
+
+    Cells at the border of the grid must be empty.
+    """
     grown = cells.copy()
     for axis in range(3):
         here = np.moveaxis(grown, axis, 0)

@@ -1,6 +1,6 @@
-"""Lens distortion: from the image of an ideal pinhole camera to the image that a real lens takes.
+"""Lens distortion: conversion of ideal pinhole coordinates into the coordinates of a real lens.
 
-All functions work on normalised coordinates x / z, y / z in the camera's axes, without focal lengths and
+All functions use normalised coordinates x / z, y / z in the camera's axes, without focal lengths and
 principal point. Coefficients have the names and the order of COLMAP (`colmap/colmap`:
 src/colmap/sensor/models.h). The formulas come from the OpenCV documentation (calib3d, fisheye), from COLMAP
 and from nerfstudio (cameras).
@@ -21,22 +21,25 @@ Array = NDArray[np.float64]
 class Distortion:
     """The distortion of a lens: a model of `DISTORTIONS` and its coefficients, in the model's order.
 
-    Coefficients refer to normalised coordinates, so they do not depend on the size of the image.
+    Coefficients apply to normalised coordinates, so they do not depend on the image size.
     """
 
     model: str
     coefficients: tuple[float, ...] = ()
 
     def apply(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return the distorted normalised coordinates of ideal ones; all arrays have one shape."""
+        """Return the distorted normalised coordinates for ideal coordinates.
+
+        All arrays have the same shape.
+        """
         with np.errstate(all="ignore"):  # coordinates far outside the image may overflow
             return DISTORTIONS[self.model](x, y, self.coefficients)
 
 
 def make_distortion(model: str, coefficients: Sequence[float]) -> Distortion | None:
-    """Return the distortion of a lens; None if it is the identity.
+    """Return the distortion of a lens; None if the lens does not distort.
 
-    CAMERA_DISTORTED reports coefficients that are not finite.
+    Raise CAMERA_DISTORTED if a coefficient is not finite.
     """
     if not np.isfinite(coefficients).all():
         values = ", ".join(f"{value:g}" for value in coefficients)
@@ -55,7 +58,7 @@ def _polynomial(square: Array, factors: Sequence[float]) -> Array:
 
 
 def _distort_brown(x: Array, y: Array, c: Sequence[float]) -> tuple[Array, Array]:
-    """OPENCV and FULL_OPENCV: k1, k2, p1, p2 and, as available, k3, k4, k5, k6."""
+    """OPENCV and FULL_OPENCV with coefficients k1, k2, p1, p2 and, if present, k3, k4, k5, k6."""
     k1, k2, p1, p2, k3, *below = (*c, 0.0, 0.0, 0.0, 0.0)[: max(len(c), 5)]
     square = x * x + y * y
     radial = _polynomial(square, (k1, k2, k3)) / _polynomial(square, below)
@@ -77,12 +80,12 @@ def _distort_radial(x: Array, y: Array, c: Sequence[float]) -> tuple[Array, Arra
 
 
 def _distort_nerfstudio(x: Array, y: Array, c: Sequence[float]) -> tuple[Array, Array]:
-    """OPENCV as nerfstudio reads it: k1, k2, k3, k4 (all in the numerator), p1, p2."""
+    """OPENCV as nerfstudio interprets it: k1, k2, k3, k4 (all in the numerator), p1, p2."""
     return _bend(x, y, _polynomial(x * x + y * y, c[:4]), c[4], c[5])
 
 
 def _fisheye(x: Array, y: Array) -> tuple[Array, Array]:
-    """Return the equidistant projection: the angle to the axis in place of its tangent."""
+    """Return the equidistant projection, which uses the angle to the optical axis instead of its tangent."""
     radius = np.hypot(x, y)
     scale = np.where(radius > 1e-12, np.arctan(radius) / np.maximum(radius, 1e-12), 1.0)
     return x * scale, y * scale
@@ -101,7 +104,7 @@ def _distort_thin_prism(x: Array, y: Array, c: Sequence[float]) -> tuple[Array, 
 
 
 def _distort_aria(x: Array, y: Array, c: Sequence[float]) -> tuple[Array, Array]:
-    """RAD_TAN_THIN_PRISM_FISHEYE (nerfstudio's FISHEYE624): k0 to k5, p0, p1, s0 to s3."""
+    """RAD_TAN_THIN_PRISM_FISHEYE (nerfstudio's FISHEYE624) with coefficients k0 to k5, p0, p1, s0 to s3."""
     x, y = _distort_fisheye(x, y, c[:6])
     square = x * x + y * y
     right, down = _bend(x, y, 1.0, c[7], c[6])
@@ -126,7 +129,8 @@ def _distort_eucm(x: Array, y: Array, c: Sequence[float]) -> tuple[Array, Array]
     return x * scale, y * scale
 
 
-# Model -> function of x, y and coefficients. NERFSTUDIO is no model of COLMAP.
+# The distortion function of each model. The arguments of a distortion function are x, y and the coefficients.
+# NERFSTUDIO is not a COLMAP model.
 DISTORTIONS: dict[str, Callable[[Array, Array, Sequence[float]], tuple[Array, Array]]] = {
     "SIMPLE_RADIAL": _distort_radial,
     "RADIAL": _distort_radial,
@@ -145,5 +149,5 @@ DISTORTIONS: dict[str, Callable[[Array, Array, Sequence[float]], tuple[Array, Ar
     "DIVISION": _distort_division,
     "EUCM": _distort_eucm,
 }
-# Models that bend lines whatever their coefficients are.
+# Fisheye models, which distort the image even if all their coefficients are zero.
 _CURVED = {name for name in DISTORTIONS if "FISHEYE" in name}

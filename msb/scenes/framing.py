@@ -1,7 +1,6 @@
-"""The part of an asset that generated views frame: all of it, except for far outliers.
+"""The part of an asset that fills generated views: everything except far outliers.
 
-If outliers were framed, a few stray faces could move all cameras so far away that the mesh covers hardly a
-pixel.
+Far outliers are left out, because a few stray faces could move all cameras too far away from the mesh.
 """
 
 from dataclasses import dataclass
@@ -15,42 +14,44 @@ from msb.asset.build import measure_bounds
 from msb.asset.look import normals_of
 from msb.scenes.dense import find_dense
 
-# A mesh must cover at least this share of the pixels of its views; otherwise the views are not used to judge
-# it. At 1 % coverage, the PSNR of a whole image is 20 dB above the PSNR of the mesh's pixels.
+# A mesh must cover at least this share of the pixels of its views. Views with less coverage are not used to
+# judge the mesh. At 1 % coverage, the PSNR of the whole image is 20 dB above the PSNR of the covered pixels.
 MIN_COVERAGE = 0.01
-# Faces are isolated if they are at least this many times as far from the middle as all other faces. If
-# isolated faces were framed, all other faces would shrink to about a quarter of their pixels.
+# Faces are isolated if all other faces are at most half as far from the middle. If isolated faces were shown,
+# all other faces would have only a quarter of their pixels.
 _ISOLATED = 2.0
-# Isolated faces are left out if they are at most these shares of the faces and of the area.
+# Maximum share of isolated faces among all faces, and maximum share of their area, for leaving them out.
 _FEW_FACES, _LITTLE_AREA = 0.1, 0.01
-# If the other faces would cover too few pixels, isolated faces up to this share are left out whatever their
-# area.
+# If the remaining faces would cover too few pixels, up to this share of isolated faces is left out,
+# regardless of their area.
 _STRAY_FACES = 0.01
-# Smallest share of the faces, or of the area, that the dense part of a mesh holds.
+# Minimum share of the faces or of the area in the dense part of a mesh.
 _DENSE = 0.9
-# Factor that estimates the share of pixels that a mesh covers from its area divided by its squared radius.
-# Measured on a turntable at 4:3: 0.042 for a sphere, 0.058 for a disc.
+# Factor that estimates the share of covered pixels from the area of a mesh divided by its squared radius. On
+# a 4:3 turntable, the measured factor was 0.042 for a sphere and 0.058 for a disc.
 _COVERED = 0.05
-# If the estimated share of covered pixels is lower, only the dense part is framed, provided that it covers at
-# least twice this share. The estimate is up to four times too large where parts hide each other.
+# If the estimated share of covered pixels is lower, only the dense part is framed. The dense part must cover
+# at least twice this share of the pixels. For parts that hide each other, the estimate is up to four times
+# too large.
 _SPARSE = 4 * MIN_COVERAGE
-# Largest number of faces from which the middle is computed.
+# Largest number of faces used to compute the middle of an asset.
 _SAMPLES = 200_000
 
 
 @dataclass(frozen=True, eq=False)
 class Framing:
-    """The sphere that generated views frame, relative to the asset's origin, and the faces outside of it.
+    """A sphere that fills the images of generated views, and the faces inside the sphere.
 
     Attributes
     ----------
     center : (3,) floats
+        The centre relative to the asset's origin.
     radius : float
-        Without outliers, this is the asset's bounding sphere.
+        For an asset without outliers, this is the radius of its bounding sphere.
     framed : (F,) mask, or None
         The faces inside the sphere; None for all.
     left_out : str
-        What is left out, in words; "" if nothing is left out.
+        A description of the left-out parts; "" if nothing is left out.
     box : ((3,) floats, (3,) floats), or None
         The lowest and highest coordinates of the framed part; only for Gaussians.
     """
@@ -63,23 +64,27 @@ class Framing:
 
     @property
     def note(self) -> str:
-        """The end of a sentence about generated views, which names the faces that they leave out; "" for
-        none.
+        """A text about the faces that generated views leave out.
+
+        The text continues a sentence about generated views.
+
+        The text is "" if no faces are left out.
         """
         return f"; far outliers are not framed: {self.left_out}" if self.left_out else ""
 
 
 def find_framing(asset: Asset) -> Framing:
-    """Return the sphere around an asset; far outliers are left out if they are few and have little area.
+    """Return the sphere around an asset. Far outliers are left out if they are few and have little area.
 
-    Of Gaussians, everything outside the dense parts is left out.
+    For Gaussians, everything outside the dense parts is left out.
     """
     if asset.manifest.primitive == "gaussian":
         return _frame_gaussians(asset)
     sphere = asset.manifest.bounding_sphere
     everything = Framing(sphere.center, sphere.radius)
     positions, faces = asset.buffers["positions"], asset.buffers["indices"]
-    # Distance (V,) of all vertices from the middle of the faces. Usually no vertex is far away.
+    # Compute the distance (V,) of each vertex from the middle of the faces. Usually no vertex is far away,
+    # and the search ends here.
     away = np.linalg.norm(positions - _find_middle(positions, faces), axis=1)
     if away.max() < _ISOLATED * np.median(away[_sample(faces)].max(axis=1)):
         return everything
@@ -89,8 +94,8 @@ def find_framing(asset: Asset) -> Framing:
     solid = np.flatnonzero(np.isfinite(area) & (area > 0))
     if not len(solid):
         return everything
-    # Repeat the search with only the n faces whose area is not zero. Compute the distances (n,) of their
-    # nearest and farthest corners.
+    # Compute the middle again, only from the n faces with a non-zero area. Compute the distances (n,) of the
+    # nearest and farthest corner of each face.
     away = np.linalg.norm(positions - _find_middle(positions, faces[solid]), axis=1)
     corners = away[faces[solid]]
     near, far, area = corners.min(axis=1), corners.max(axis=1), area[solid]
@@ -101,14 +106,14 @@ def find_framing(asset: Asset) -> Framing:
     framed = np.zeros(len(faces), bool)
     framed[solid[kept]] = True
     around = measure_bounds(positions[np.unique(faces[framed])])[1]
-    text = "vertices that no face with an area uses"
+    text = "vertices without a face of non-zero area"
     if count := int((~kept).sum()):
         radii = near[~kept].min() / max(around.radius, np.finfo(np.float64).tiny)
         more = "" if count == 1 else " or more"
         far_away = (
             f"{radii:,.0f} radii{more} away from the middle"
             if radii >= 2
-            else "which extend far beyond the others"
+            else "and extend far beyond all other faces"
         )
         text = f"{count:,} of {len(faces):,} faces, {far_away}"
     return Framing(around.center, around.radius, framed, text)
@@ -129,32 +134,32 @@ def _frame_gaussians(asset: Asset) -> Framing:
 
 
 def _sample(faces: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """Return at most about `_SAMPLES` of the faces, evenly spread."""
+    """Return an evenly spread sample of about `_SAMPLES` faces at most."""
     return faces[:: max(1, len(faces) // _SAMPLES)]
 
 
 def _find_middle(positions: NDArray[np.float32], faces: NDArray[np.uint32]) -> NDArray[np.float64]:
-    """Return the median (3,) of the centroids of the faces. Outliers do not move this median."""
+    """Return the median (3,) of the face centroids. Outliers do not move the median."""
     return np.asarray(np.median(positions[_sample(faces)].mean(axis=1, dtype=np.float64), axis=0))
 
 
 def _drop_isolated(
     near: NDArray[np.float64], far: NDArray[np.float64], area: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return a mask (n,) of all faces except isolated ones that are few and have little area.
+    """Return a mask (n,) of all faces except isolated faces that are few and have little area.
 
     `near` and `far` (n,) are the distances of the nearest and the farthest corner of each face.
     """
     order = np.argsort(near, kind="stable")
-    # For each position k in the order of distance: radius and area of the faces before k, and share of the
-    # faces from k on.
+    # Sort the faces by distance. For each number k, compute the radius and the area of the first k faces, and
+    # the share of the remaining faces.
     radius = np.maximum.accumulate(far[order])
     inner = np.cumsum(area[order])
     start = np.arange(1, len(order))
     faces = 1 - start / len(order)
     isolated = near[order][1:] >= _ISOLATED * radius[:-1]
     is_nothing = (faces <= _FEW_FACES) & (inner[-1] - inner[:-1] <= _LITTLE_AREA * inner[-1])
-    # The sphere around everything has at least half of the largest distance as its radius.
+    # The sphere around all faces has a radius of at least half of the largest distance.
     is_stray = (faces <= _STRAY_FACES) & (_COVERED * inner[:-1] < MIN_COVERAGE * (radius[-1] / 2) ** 2)
     kept = np.ones(len(order), bool)
     cuts = start[isolated & (is_nothing | is_stray)]
@@ -164,16 +169,18 @@ def _drop_isolated(
 
 
 def _find_dense(far: NDArray[np.float64], area: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return a mask (n,) of the faces of the dense part, if all faces together would cover too few pixels.
+    """Return a mask (n,) of the faces in the dense part.
 
-    If no dense part covers enough pixels, all faces are returned.
+    If all faces cover enough pixels, the mask contains all faces.
+
+    If no dense part covers enough pixels, the mask contains all faces.
     """
     everything = np.ones(len(far), bool)
-    # The sphere around everything has at least half of the largest distance as its radius.
+    # The sphere around all faces has a radius of at least half of the largest distance.
     if _COVERED * area.sum() >= _SPARSE * (far.max() / 2) ** 2:
         return everything
-    # Sort the faces by distance. Consider the spheres around the first k faces that hold most of the faces,
-    # or most of the area and half of the faces.
+    # Sort the faces by distance. Find the spheres around the first k faces that contain most faces. A sphere
+    # with most of the area and at least half of the faces is also accepted.
     order = np.argsort(far, kind="stable")
     radius, inner = far[order], np.cumsum(area[order])
     count = np.arange(1, len(order) + 1)
@@ -182,6 +189,6 @@ def _find_dense(far: NDArray[np.float64], area: NDArray[np.float64]) -> NDArray[
     good = np.flatnonzero(is_most & is_covered & (_ISOLATED * radius <= radius[-1]) & (radius > 0))
     if not len(good):
         return everything
-    # Of these spheres, take the one with the largest gap to the next face.
+    # Choose the sphere with the largest gap to the next face.
     best = good[np.argmax(radius[good + 1] / radius[good])]
     return np.asarray(far <= radius[best])

@@ -1,4 +1,4 @@
-"""Size, channels and orientation of a photograph, from its header, without decoding pixels."""
+"""Read size, channels and orientation of a photograph from its header, without decoding pixels."""
 
 from __future__ import annotations
 
@@ -19,13 +19,15 @@ if TYPE_CHECKING:
 
 # Suffixes of photographs, in lower case.
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".avif", ".heic", ".heif")
-# Bytes that are searched for a header: colour profiles, thumbnails and depth maps before it take a few MiB.
+# Number of bytes searched for an image header. Colour profiles, thumbnails and depth maps before the header
+# take a few MiB.
 _MOST_BYTES = 1 << 23
-# Beginnings of formats whose header may be anywhere in the file: TIFF, WebP, and after four bytes AVIF, HEIC.
+# Signatures of formats with an image header anywhere in the file. The signature of TIFF and WebP is at byte
+# 0, the signature of AVIF and HEIC at byte 4.
 _SCATTERED = (b"II*\0", b"MM\0*", b"RIFF")
 _BOX = b"ftyp"
 _HEIC = (b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1")
-# EXIF's tag of the orientation; 1 is upright, 5 to 8 swap the axes.
+# EXIF tag of the orientation. The value 1 means upright, and the values 5 to 8 swap the axes.
 _ORIENTATION = 0x0112
 
 
@@ -40,12 +42,12 @@ class ImageHeader:
 
     @property
     def has_alpha(self) -> bool:
-        """Whether the image has an alpha channel; a transparent palette colour does not count."""
+        """Whether the image has an alpha channel. A transparent palette colour is not an alpha channel."""
         return self.mode in ("LA", "RGBA")
 
 
 def image_formats() -> tuple[str, ...]:
-    """Return Pillow's names of the formats of photographs that it can read."""
+    """Return Pillow's names of the photograph formats that it can read."""
     from PIL import Image
 
     Image.init()
@@ -53,18 +55,24 @@ def image_formats() -> tuple[str, ...]:
 
 
 def image_size(path: str | os.PathLike[str]) -> tuple[int, int]:
-    """Return (width, height) in pixels as stored, ignoring an orientation in the metadata."""
+    """Return (width, height) of the stored pixels, without applying an orientation in the metadata."""
     return read_header(path).size
 
 
 def read_header(path: str | os.PathLike[str]) -> ImageHeader:
-    """Return the header of an image; CAMERA_IMAGE and CAMERA_INVALID report damaged and too large ones."""
+    """Return the header of an image.
+
+    Raise CAMERA_IMAGE for a damaged image and CAMERA_INVALID for a too large image.
+    """
     with _open_header(path) as image:
         return ImageHeader(check_size(image.size), str(image.format), image.mode, _read_orientation(image))
 
 
 def _read_orientation(image: Image.Image) -> int:
-    """Return the EXIF orientation; 1 if it is missing or damaged, and for TIFF, which Pillow turns itself."""
+    """Return the EXIF orientation, or 1 if it is missing or damaged.
+
+    For TIFF, return 1, because Pillow rotates the image.
+    """
     from PIL import Image
 
     value: Any = 1
@@ -78,19 +86,19 @@ def _read_orientation(image: Image.Image) -> int:
 
 @contextlib.contextmanager
 def _open_header(path: str | os.PathLike[str]) -> Iterator[Image.Image]:
-    """Yield an image after Pillow has read only its header."""
+    """Yield an image whose header was read. No pixels are decoded."""
     from PIL import Image, UnidentifiedImageError
 
     source = Source(Path(path), map_file(Path(path), _MOST_BYTES))
     start = bytes(source.data[:12])
     if start.startswith(_SCATTERED) or start[4:8] == _BOX:
         source = Source(Path(path), map_file(Path(path)))
-    file: Any = source.data  # a memory mapping, which is read like a file
+    file: Any = source.data  # Pillow reads the memory mapping like a file
     try:
         if not file:
             raise ValueError("it is empty")
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # warnings about large sizes (checked here) and odd metadata
+            warnings.simplefilter("ignore")  # hide warnings about sizes and metadata
             image = Image.open(file, formats=image_formats())
     except Exception as error:  # damaged files raise various exceptions
         reason = "" if isinstance(error, UnidentifiedImageError) else f" ({library_reason(error)})"

@@ -1,4 +1,4 @@
-"""JSON of camera files as a tree of nodes that know their place in the file."""
+"""JSON of camera files as a tree of nodes that know their position in the file."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ def read_json(source: Source) -> Node:
 
 @dataclass(frozen=True)
 class Node:
-    """A JSON value and its place in the file, an RFC 6901 pointer ("" is the root).
+    """A JSON value and its position in the file as an RFC 6901 pointer ("" is the root).
 
-    Methods that expect a kind of value raise `SceneError` CAMERA_FILE for any other kind.
+    A method raises `SceneError` CAMERA_FILE if the value has another kind than the method expects.
     """
 
     source: Source
@@ -46,16 +46,16 @@ class Node:
     pointer: str
 
     def error(self, code: str, message: str) -> SceneError:
-        """Return an error about this value."""
+        """Return an error about this JSON value."""
         text = message if self.pointer else f"the document {message.removeprefix('it ')}"
         return self.source.error(code, text, pointer=self.pointer)
 
     def abbreviated(self) -> str:
-        """Return this value for a message: its text if it is short, otherwise its kind."""
+        """Return this value for a message: its text if the text is short, otherwise its kind."""
         return describe(self.value)
 
     def wrong_type(self, wanted: str) -> SceneError:
-        """Return an error that says that this value is not `wanted`."""
+        """Return the error for a value of a wrong type. `wanted` describes the valid type."""
         return self.error("CAMERA_FILE", f"it is {self.abbreviated()}; it must be {wanted}")
 
     def get(self, key: str) -> Node | None:
@@ -67,7 +67,7 @@ class Node:
         return Node(self.source, self.value[key], f"{self.pointer}/{escape(key)}")
 
     def __getitem__(self, key: str) -> Node:
-        """Return the member `key` of this object; a missing key is an error."""
+        """Return the member `key` of this object. A missing key is an error."""
         member = self.get(key)
         if member is None:
             raise self.error("CAMERA_FILE", f'it does not have the key "{key}"')
@@ -81,7 +81,7 @@ class Node:
             yield Node(self.source, item, f"{self.pointer}/{index}")
 
     def only(self, *keys: str) -> None:
-        """Raise an error if this object has a member other than `keys`."""
+        """Raise an error if this object has a member that is not in `keys`."""
         for key in self.value:
             if key not in keys:
                 text = f'it has the unknown key "{escape(key)}"; valid keys are {", ".join(keys)}'
@@ -100,7 +100,7 @@ class Node:
         return float(self.value)
 
     def whole(self) -> int:
-        """Return this whole number; ``800.0`` is accepted, because some exporters write it."""
+        """Return this value as a whole number. ``800.0`` is accepted because some exporters write it."""
         number = self.number()
         if number != math.floor(number):
             raise self.wrong_type("a whole number")
@@ -113,12 +113,12 @@ class Node:
         return np.array(self.value, dtype=np.float64)
 
     def locating(self) -> AbstractContextManager[None]:
-        """Add this place to errors about values read here; see `Source.locating`."""
+        """Add the position of this value to errors in the block, like `Source.locating`."""
         return self.source.locating(self.pointer)
 
 
 def _has_shape(value: Any, shape: tuple[int, ...]) -> bool:
-    """Return whether `value` consists of nested lists of this shape with numbers."""
+    """Return whether `value` consists of nested lists of numbers with this shape."""
     if not shape:
         return isinstance(value, int | float) and not isinstance(value, bool)
     return isinstance(value, list) and len(value) == shape[0] and all(_has_shape(v, shape[1:]) for v in value)

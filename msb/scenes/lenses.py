@@ -1,4 +1,4 @@
-"""Undistortion: the pinhole camera of a distorting one, and the image that it takes."""
+"""Undistortion of photographs: the pinhole camera that replaces a distorted one, and the resampled image."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from msb.scenes.camera import Camera
 if TYPE_CHECKING:
     from msb.scenes.distortion import Distortion
 
-# An undistorted image is tested for missing content at a grid of points. This is their number along a side.
-# Distortion varies slowly: 33 and 129 points gave the same sizes for all lenses of the tests.
+# A grid of points tests whether an undistorted image has missing content. Lens distortion varies slowly:
+# grids of 33 and 129 points per side gave the same sizes for all lenses in the tests.
 _GRID = 65
-# Sides of an undistorted image as multiples of the distorted one: COLMAP's limits for its undistorter.
+# Smallest and largest ratio of the undistorted side to the distorted side: COLMAP's limits.
 _MIN_SCALE, _MAX_SCALE = 0.2, 2.0
-# Bisections of a scale: 2 / 2^24 is less than a thousandth of a pixel at the largest size.
+# Number of bisections of a scale: 2 / 2^24 is less than a thousandth of a pixel at the largest size.
 _STEPS = 24
 
 
 def undistorted(camera: Camera) -> Camera:
     """Return the pinhole camera of the undistorted photographs of `camera`.
 
-    Pose and focal lengths are kept. Width, height and principal point are scaled, each axis separately, to
-    the largest image whose pixels all lie inside the distorted one, as COLMAP's undistorter does. A camera
-    without distortion is returned unchanged.
+    Pose and focal lengths are kept. Width, height and principal point are scaled, separately for each axis.
+    The result is the largest image whose pixels all lie inside the distorted image, as in COLMAP's
+    undistorter. A camera without distortion is returned unchanged.
 
     Raises
     ------
     SceneError
-        CAMERA_DISTORTED: no such image exists, because the coefficients fold the image over itself.
+        CAMERA_DISTORTED: the coefficients fold the image over itself, so no undistorted image exists.
     """
     if camera.distortion is None:
         return camera
@@ -58,8 +58,9 @@ def _fit_size(
     """Return the width and height of the largest undistorted image without missing content."""
 
     def fits(scale_x: float, scale_y: float) -> bool:
-        # Grid (n, n) from edge to edge of the undistorted image, then its place in the distorted one. It must
-        # lie between the centres of the outermost pixels, beyond which nothing can be interpolated.
+        # Create a grid (n, n) from edge to edge of the undistorted image, and map it to the distorted image.
+        # The mapped grid must lie between the centres of the outermost pixels, because pixels outside cannot
+        # be interpolated.
         u, v = np.meshgrid(
             np.linspace(-cx * scale_x, (width - cx) * scale_x, _GRID),
             np.linspace(-cy * scale_y, (height - cy) * scale_y, _GRID),
@@ -67,7 +68,7 @@ def _fit_size(
         x, y = distortion.apply(u / fx, v / fy)
         x, y = x * fx + cx, y * fy + cy
         is_inside = (x >= 0.5) & (x <= width - 0.5) & (y >= 0.5) & (y <= height - 0.5)
-        # Neighbours must stay neighbours: a cell of the grid with a negative area is folded over.
+        # Each grid cell must have a positive area, otherwise the image is folded over.
         right, down = (
             (np.diff(x, axis=1)[:-1], np.diff(y, axis=1)[:-1]),
             (np.diff(x, axis=0), np.diff(y, axis=0)),
@@ -75,7 +76,7 @@ def _fit_size(
         area = right[0] * down[1][:, :-1] - right[1] * down[0][:, :-1]
         return bool(is_inside.all() and (area > 0).all())
 
-    # First enlarge both axes together, then each of them as far as it goes alone.
+    # First enlarge both axes by the same factor, then each axis separately.
     scale_x = scale_y = _largest(lambda scale: fits(scale, scale), _MIN_SCALE)
     scale_x = _largest(lambda scale: fits(scale, scale_y), scale_x)
     scale_y = _largest(lambda scale: fits(scale_x, scale), scale_y)
@@ -89,7 +90,7 @@ def _fit_size(
 
 
 def _largest(is_valid: Any, low: float) -> float:
-    """Return the largest valid scale from `low` to `_MAX_SCALE` by bisection; `low` if nothing is valid."""
+    """Find the largest valid scale from `low` to `_MAX_SCALE` by bisection, and return the scale."""
     high = _MAX_SCALE
     if is_valid(high):
         return high
@@ -100,10 +101,10 @@ def _largest(is_valid: Any, low: float) -> float:
 
 
 def undistort_image(pixels: NDArray[np.uint8], camera: Camera) -> NDArray[np.uint8]:
-    """Return the image (H', W', C) of `undistorted(camera)` from the photograph (H, W, C) of `camera`.
+    """Resample the photograph (H, W, C) of `camera` to the image (H', W', C) of `undistorted(camera)`.
 
-    Values are interpolated linearly by OpenCV. `camera` must have the size of the photograph.
-    EXTRA_MISSING reports that OpenCV is not installed.
+    OpenCV interpolates the values linearly. The photograph must have the size of `camera`. Raise
+    EXTRA_MISSING if OpenCV is not installed.
     """
     if camera.distortion is None:
         return pixels
@@ -131,9 +132,9 @@ def _source_pixels(
     new_cx: float,
     new_cy: float,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the x and y (H', W') in the distorted image of each undistorted pixel.
+    """Return the x and y coordinates (H', W') in the distorted image for each undistorted pixel.
 
-    The centre of the first pixel is (0, 0), as OpenCV counts.
+    The centre of the first pixel is (0, 0), as in OpenCV.
     """
     u, v = np.meshgrid(np.arange(new_width) + 0.5 - new_cx, np.arange(new_height) + 0.5 - new_cy)
     x, y = distortion.apply(u / fx, v / fy)

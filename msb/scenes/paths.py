@@ -18,7 +18,8 @@ from msb.scenes.poses import (
     vector3,
 )
 
-# Largest number of frames of a path: ten hours at 29 frames per second. Larger numbers are typing errors.
+# Largest number of frames of a camera path: ten hours at 29 frames per second. A larger number is probably a
+# typing error.
 MAX_FRAMES = 1 << 20
 
 
@@ -33,7 +34,7 @@ def turntable(
     fov_y: float,
     elevation: float = 0.0,
 ) -> list[Camera]:
-    """Return cameras on a circle that all look at its centre.
+    """Return cameras on a circle that look at the circle's centre.
 
     Parameters
     ----------
@@ -44,8 +45,8 @@ def turntable(
     up : (3,) array_like
         The axis of the turntable, which is up in the images.
     count : int
-        Number of cameras, at equal angles, counter-clockwise seen from above. The first one is in the
-        direction of the world axis that is most perpendicular to `up` (x, if two are equal).
+        Number of cameras, at equal angles, counter-clockwise seen from above. The first camera is in the
+        direction of the world axis that is most perpendicular to `up`. Among equal axes, x is preferred.
     width, height : int
         Size of the images in pixels.
     fov_y : float
@@ -57,7 +58,7 @@ def turntable(
     ------
     SceneError
         CAMERA_PATH: the radius, the count or the elevation is out of range, `center` or `up` is not a vector,
-        or `up` is zero. Also the errors of `Camera`.
+        or `up` is zero. The errors of `Camera` are raised too.
     """
     middle, axis = vector3("center", center), vector3("up", up)
     length = math.hypot(*axis)
@@ -69,7 +70,7 @@ def turntable(
         text = f"the elevation is {elevation}; it must be between -pi/2 and pi/2 radians"
         raise SceneError("CAMERA_PATH", text)
     axis = axis / length
-    # Orthonormal basis of the circle's plane.
+    # Compute an orthonormal basis of the circle's plane.
     start = np.eye(3)[np.argmin(np.round(np.abs(axis), 6))]
     start = start - axis * (start @ axis)
     start /= math.hypot(*start)
@@ -87,30 +88,31 @@ def turntable(
 
 
 def unit_at(distance: float) -> float:
-    """Return the `Camera.unit` for an object at `distance`, so that images do not depend on its scale.
+    """Return the unit of depth (`Camera.unit`) for an object at `distance`.
 
-    For ordinary distances the unit is 1, which leaves results unchanged. For other distances the unit is a
-    power of two, which causes no rounding errors.
+    For ordinary distances the unit of depth is 1, which leaves results unchanged. For other distances the
+    unit of depth is a power of two, which causes no rounding errors.
     """
     return 1.0 if 0.5 <= distance <= 64 else 2.0 ** (round(math.log2(distance)) - 1)
 
 
 def interpolate_cameras(cameras: Sequence[Camera], count: int, *, closed: bool = False) -> list[Camera]:
-    """Return a smooth flight of `count` frames through at least two cameras, in the size of the first one.
+    """Return a smooth flight of `count` frames through two or more cameras, in the size of the first camera.
 
-    Each segment between two cameras takes the same time, whatever its length. An open flight begins at the
-    first camera and ends at the last. A `closed` flight is a loop: one frame after its last frame it would be
-    at the first camera again. Velocity and angular velocity are continuous.
+    Each segment between two cameras takes the same time, whatever its length is. An open flight begins at the
+    first camera and ends at the last. A `closed` flight is a loop: after its last frame, the flight returns
+    to the first camera. The velocity and the angular velocity are continuous.
 
     Centres follow the uniform Catmull-Rom spline (E. Catmull and R. Rom, A class of local interpolating
-    splines, 1974); the ends of an open flight are extended by reflection. Rotations follow the same spline of
-    unit quaternions, with signs aligned and the result normalised; between two cameras this is the great arc
-    of slerp. Focal lengths and principal points are interpolated linearly, which cannot overshoot.
+    splines, 1974). Beyond its ends, an open flight continues with reflected cameras. Rotations follow the
+    same spline of unit quaternions, with signs aligned and the result normalised. Between two cameras, the
+    rotation is spherical linear interpolation (slerp). Focal lengths and principal points are interpolated
+    linearly, which cannot overshoot.
     """
     if len(cameras) < 2:
         text = f"a flight needs at least 2 cameras, not {len(cameras)}"
         raise SceneError("CAMERA_PATH", text)
-    # Centres (n, 3), rotations as quaternions (n, 4) and intrinsics (n, 4) of the given cameras.
+    # Collect centres (n, 3), rotations as quaternions (n, 4) and intrinsics (n, 4) of the given cameras.
     keys = [camera.resized(cameras[0].width, cameras[0].height) for camera in cameras]
     centers = np.stack([key.center for key in keys])
     turns = _align_signs(np.stack([quaternion_from_rotation(key.camera_to_world[:3, :3]) for key in keys]))
@@ -139,7 +141,7 @@ def _check_frames(count: int) -> None:
 
 
 def _spline_keys(keys: NDArray[np.float64], segment: int, closed: bool) -> NDArray[np.float64]:
-    """Return the keys (4, D) of the spline in `segment`: its two ends, the key before, and the key after."""
+    """Return four keys (4, D) of the spline: the key before `segment`, its two ends, and the key after it."""
     if closed:
         return keys[np.arange(segment - 1, segment + 3) % len(keys)]
     before = keys[segment - 1] if segment else 2 * keys[0] - keys[1]
@@ -148,9 +150,10 @@ def _spline_keys(keys: NDArray[np.float64], segment: int, closed: bool) -> NDArr
 
 
 def _align_signs(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return quaternions with signs such that neighbours have a non-negative dot product.
+    """Return quaternions with signs such that neighbouring quaternions have a non-negative dot product.
 
-    A quaternion and its negative are the same rotation; interpolation should take the shorter way.
+    A quaternion and its negative are the same rotation. Aligned signs make interpolation take the shorter
+    way.
     """
     rows = quaternions.copy()
     for before, row in itertools.pairwise(rows):
@@ -160,7 +163,7 @@ def _align_signs(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _catmull_rom(keys: NDArray[np.float64], at: float) -> NDArray[np.float64]:
-    """Return the spline's value (D,) between keys[1] (`at` = 0) and keys[2] (`at` = 1) of keys (4, D)."""
+    """Return the value (D,) of a Catmull-Rom spline between keys[1] (`at` 0) and keys[2] (`at` 1)."""
     cube, square = at**3, at**2
     weights = np.array(
         [

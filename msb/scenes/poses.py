@@ -1,6 +1,6 @@
 """Poses: rigid 4 x 4 matrices between the world and a camera, and their rotations.
 
-Matrices are for column vectors, x_camera = W x_world. Camera axes are OpenCV's: x right, y down, z forward.
+Matrices multiply column vectors: x_camera = W x_world. Camera axes follow OpenCV: x right, y down, z forward.
 """
 
 import math
@@ -11,12 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from msb.base.matrices import inverse
 from msb.errors import SceneError, shorten
 
-# Largest magnitudes of an entry of R R^T - I: of rotations that are stored as given, and of those that are
-# replaced by the nearest rotation. Float32 poses that were inverted a few times are well below the first,
-# matrices rounded to four decimals (at most 1.8e-4) below the second.
+# Limits for the error of a rotation R, the largest entry of |R R^T - I|. Below the first limit, R is stored
+# unchanged. Up to the second limit, R is replaced by the nearest rotation. After a few inversions, the error
+# of a float32 pose is still well below the first limit. Matrices with four decimals (error at most 1.8e-4)
+# stay below the second limit.
 EXACT_ROTATION_ERROR, MAX_ROTATION_ERROR = 1e-4, 2e-4
 
-# Largest coordinate in scene units. Squares of larger distances do not fit into float32, which renderers use.
+# Largest coordinate in scene units. Squares of larger distances do not fit into float32, the precision of
+# renderers.
 MAX_COORDINATE = 1e18
 
 _OPENGL_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -26,7 +28,7 @@ _OPENGL_AXES.setflags(write=False)
 def check_pose(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
     """Return `matrix` as a new array (4, 4) float64 if it consists of a rotation and a translation.
 
-    `what` is its name in messages.
+    Error messages call the matrix `what`.
     """
     pose = _finite_matrix(matrix, what)
     if (pose[3] != (0, 0, 0, 1)).any():
@@ -37,7 +39,7 @@ def check_pose(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
         text = f"{what} translates by {far:g}; the limit is {MAX_COORDINATE:g}"
         raise SceneError("CAMERA_INVALID", text)
     rotation = pose[:3, :3]
-    small = float(np.abs(rotation).max()) < 2  # larger products may overflow
+    small = float(np.abs(rotation).max()) < 2  # products of larger entries may overflow
     error = float(np.abs(rotation @ rotation.T - np.eye(3)).max()) if small else math.inf
     if error > MAX_ROTATION_ERROR:
         by = f"by {error:.3g}" if small else "by more than 1"
@@ -76,8 +78,8 @@ def invert_pose(pose: ArrayLike, what: str = "the camera-to-world matrix") -> ND
 def rigid_inverse(pose: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the inverse of a valid pose.
 
-    The 3 x 3 block is inverted instead of transposed, as in official loaders. Inverse and transpose differ
-    for poses that were rounded to float32.
+    The 3 x 3 block is inverted as a matrix, as in official loaders. For poses that were rounded to float32,
+    the inverse of the rotation differs from its transpose.
     """
     back = np.eye(4)
     back[:3, :3] = inverse(pose[:3, :3])
@@ -89,8 +91,8 @@ def from_opengl(camera_to_world: ArrayLike, what: str = "the camera-to-world mat
     """Return the world-to-camera matrix (4, 4) float64 of an OpenGL or Blender camera.
 
     `camera_to_world` has camera axes x right, y up, z backward, like NeRF's `transform_matrix` and Blender's
-    `matrix_world`; the axes of the world are unchanged. Columns 1 and 2 are negated, then the matrix is
-    inverted, as in `graphdeco-inria/gaussian-splatting`: scene/dataset_readers.py.
+    `matrix_world`. The world axes are unchanged. Columns 1 and 2 are negated, then the matrix is inverted
+    (`graphdeco-inria/gaussian-splatting`: scene/dataset_readers.py).
     """
     return rigid_inverse(check_pose(camera_to_world, what) @ _OPENGL_AXES)
 
@@ -98,7 +100,7 @@ def from_opengl(camera_to_world: ArrayLike, what: str = "the camera-to-world mat
 def look_at_pose(eye: ArrayLike, target: ArrayLike, up: ArrayLike) -> NDArray[np.float64]:
     """Return the world-to-camera matrix (4, 4) of a camera at `eye` that looks at `target`.
 
-    `up` is the direction in the world that is up in the image, of any length.
+    `up` is the world direction that points up in the image, of any length.
     """
     position, aim, upward = vector3("eye", eye), vector3("target", target), vector3("up", up)
     forward = _unit(aim - position)
@@ -127,7 +129,7 @@ def vector3(name: str, value: ArrayLike) -> NDArray[np.float64]:
 
 
 def _unit(vector: NDArray[np.float64], least: float = 0.0) -> NDArray[np.float64] | None:
-    """Return the direction of `vector`, or None if its length is at most `least`."""
+    """Return `vector` scaled to length 1, or None if its length is at most `least`."""
     length = math.hypot(*vector)
     return vector / length if length > least else None
 
@@ -150,8 +152,9 @@ def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
 def quaternion_from_rotation(rotation: ArrayLike) -> NDArray[np.float64]:
     """Return the unit quaternion (w, x, y, z), (4,) float64, of a rotation matrix (3, 3), with either sign.
 
-    The quaternion is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 matrix. This computation
-    is stable for every angle. If the matrix is not exactly a rotation, the result is the nearest rotation.
+    The quaternion is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 matrix. The eigenvector
+    computation is stable for all rotation angles. If the matrix is not exactly a rotation, the nearest
+    rotation is used.
     Source: I. Y. Bar-Itzhack, New method for extracting the quaternion from a rotation matrix, J. Guidance
     23(6), 2000.
     """

@@ -1,4 +1,4 @@
-"""Camera poses, a lens and points from photographs alone: structure from motion by pycolmap (COLMAP)."""
+"""Camera poses, a lens and points from photographs alone: structure from motion with pycolmap (COLMAP)."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from msb.scenes.camera import Camera
 from msb.scenes.colmap import read_model, read_points
 from msb.scenes.image_size import read_header
 
-# Which photographs are compared: all pairs, or neighbours in the order of their names.
+# How photographs are paired for comparison: all pairs, or neighbours in the order of file names.
 Matching = Literal["exhaustive", "sequential"]
-# COLMAP's default for photographs of an unknown camera: one focal length and one radial coefficient.
+# Camera model of an unknown camera in COLMAP, with one focal length and one radial coefficient.
 _LENS = "SIMPLE_RADIAL"
-# Neighbours that each photograph of a sequence is compared with: COLMAP's default for video frames.
+# Number of neighbours compared with each photograph of a sequence: COLMAP's default for video frames.
 _OVERLAP = 10
-# Seconds between two looks at the progress.
+# Seconds between two progress updates.
 _PAUSE = 0.3
 
-# Receives the stage, the number of finished steps, and their total number.
+# Callback with the stage, the number of finished steps, and the total number of steps.
 Progress = Callable[[str, int, int], None]
 
 
@@ -58,10 +58,11 @@ class FoundPoses:
 def find_poses(
     folder: Path, names: Sequence[str], matching: Matching, seed: int, progress: Progress
 ) -> FoundPoses:
-    """Find the poses of photographs, and the lens they share.
+    """Find the poses of photographs, and the lens that the photographs share.
 
-    Photographs of one size share a lens; otherwise each camera that the EXIF data name has its own. Poses,
-    like the scale of the world, are relative: nothing in photographs gives a length.
+    Photographs of one size share a lens, unless the EXIF data name several cameras. If the EXIF data name
+    several cameras, each camera has a separate lens. Poses and the scale of the world are relative, because
+    photographs contain no absolute length.
 
     Parameters
     ----------
@@ -71,14 +72,14 @@ def find_poses(
         Their names below it.
     matching : {"exhaustive", "sequential"}
     seed : int
-        Seed of the random search. Threads make results differ in the last digits nevertheless.
+        Seed of the random search. Results still differ in the last digits, because several threads are used.
 
     Raises
     ------
     UsageError
         EXTRA_MISSING: pycolmap is not installed.
     SceneError
-        CAPTURE_FAILED: no two photographs show the same surface from two places.
+        CAPTURE_FAILED: no two photographs show the same surface from two positions.
     """
     need_extra("capture", "pycolmap", what="finding camera poses")
     import pycolmap
@@ -133,14 +134,14 @@ class _Job:
         self._steps = 0
 
     def step(self) -> None:
-        """Count a finished step."""
+        """Count one finished step."""
         self._steps += 1
 
     def run(self, stage: tuple[str, str | None, int], work: Callable[[Any], Any]) -> Any:
-        """Return the result of `work`.
+        """Run `work` in a thread and return its result.
 
-        `stage` is its name, the table of the database that grows by a row with each step, and the number of
-        steps.
+        `stage` contains the name of the work, the database table, and the number of steps. Each step adds a
+        row to the database table.
         """
         name, table, total = stage
         self._steps = 0
@@ -157,7 +158,7 @@ class _Job:
             return future.result()
 
     def _count(self, table: str) -> int:
-        """Return the number of rows of a table; 0 while the database is locked or empty."""
+        """Return the number of rows of a database table. While the database is locked or empty, return 0."""
         with contextlib.suppress(sqlite3.Error):
             place = f"{self._database.absolute().as_uri()}?mode=ro"
             with contextlib.closing(sqlite3.connect(place, uri=True, timeout=0.05)) as database:
@@ -166,13 +167,13 @@ class _Job:
 
 
 def _read_result(models: dict[int, Any], folder: Path, work: Path, count: int) -> FoundPoses:
-    """Return the largest model, read like any model of COLMAP."""
+    """Return the cameras and the points of the largest model."""
     found = sorted(models.values(), key=lambda model: model.num_reg_images(), reverse=True)
     if not found:
         text = (
-            f"no poses were found for its {count} photographs: no two of them show the same surface from two "
-            "places. Take sharp photographs while you walk around the object, so that neighbours overlap by "
-            "two thirds; plain walls, mirrors and moving objects cannot be matched"
+            f"no poses were found for its {count} photographs: no two photographs show the same surface from "
+            f"two positions. Take sharp photographs while you walk around the object, so that neighbours "
+            f"overlap by two thirds; plain walls, mirrors and moving objects cannot be matched"
         )
         raise SceneError("CAPTURE_FAILED", text, file=folder)
     work.mkdir()

@@ -1,4 +1,4 @@
-"""Read cameras from a path; the files found there decide which reader is used."""
+"""Read cameras from a path. The files at the path determine the reader."""
 
 import os
 from pathlib import Path
@@ -12,7 +12,7 @@ from msb.scenes.json_node import read_json
 from msb.scenes.sets import check_set
 from msb.scenes.source import Source
 
-# Groups of files with cameras. In a folder, the first group with an existing file is read.
+# Groups of files with cameras. In a folder, only the first existing group is read.
 _IN_FOLDERS = (
     ("transforms_train.json", "transforms_test.json"),
     ("transforms.json",),
@@ -28,16 +28,16 @@ def read_cameras(path: str | os.PathLike[str]) -> list[Camera]:
     ----------
     path : str or Path
         A JSON file, recognised by its content: transforms_*.json (NeRF-Synthetic, instant-ngp, nerfstudio),
-        cameras.json (3DGS family) or views.json. Or a folder; the first of these in it is read: a COLMAP
-        model (in the folder itself, in `sparse/0` or in `sparse`; .bin before .txt), transforms_train.json
-        and transforms_test.json (both are read, training first), transforms.json, cameras.json or views.json.
+        cameras.json (3DGS family) or views.json. In a folder, the first existing source is read: a COLMAP
+        model, transforms_train.json with transforms_test.json, transforms.json, cameras.json or views.json. A
+        COLMAP model may be in the folder itself, in `sparse/0` or in `sparse`, and .bin is preferred to .txt.
 
     Returns
     -------
     cameras : list of Camera
-        At least one camera, in the file's order, with unique names. Intrinsics are as recorded, including the
-        principal point; `Camera.centered` gives the camera that the 3DGS family renders. `split` is set only
-        if the source states it; for other sources see `split_every_8th`.
+        At least one camera, in the file's order, with unique names. Intrinsics and principal point are
+        returned as recorded. Use `Camera.centered` for the camera that the 3DGS family renders. `split` is
+        set only if the source contains a split. Otherwise use `split_every_8th`.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def read_cameras(path: str | os.PathLike[str]) -> list[Camera]:
 
 
 def _read_folder(folder: Path) -> list[Camera]:
-    """Return the cameras of the first source found in a folder."""
+    """Return the cameras of the first camera file found in a folder."""
     model = find_model(folder)
     if model is not None:
         cameras = read_model(model)
@@ -78,7 +78,7 @@ def _read_folder(folder: Path) -> list[Camera]:
 
 
 def _read_json(source: Source) -> list[Camera]:
-    """Return the cameras of a JSON file, read by the format that its content has."""
+    """Return the cameras of a JSON file. The content of the file determines its format."""
     if source.path.suffix.lower() in (".bin", ".txt"):
         raise source.error("CAMERA_SOURCE", "it is a file of a COLMAP model; pass the model's folder")
     if source.path.suffix.lower() != ".json":
@@ -94,7 +94,7 @@ def _read_json(source: Source) -> list[Camera]:
     if isinstance(root.value, dict) and "frames" in root.value:
         return transforms.read(root)
     text = (
-        'it is not a file of cameras: expected is an object with "frames" (transforms.json) or "schema" '
+        'it is not a camera file: expected an object with "frames" (transforms.json) or "schema" '
         "(views.json), or an array (cameras.json)"
     )
     raise root.source.error("CAMERA_SOURCE", text)

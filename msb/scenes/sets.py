@@ -13,7 +13,7 @@ HOLD = 8
 
 
 def check_cameras(cameras: Iterable[Camera]) -> list[Camera]:
-    """Return the cameras that a caller passed, as a list; anything else is a usage error."""
+    """Return the cameras that a caller passed as a list. Any other value is a usage error."""
     listed = list(cameras) if isinstance(cameras, Iterable) else None
     if listed is None or not all(isinstance(camera, Camera) for camera in listed):
         text = f"cameras is {shorten(repr(cameras), 40)}; it must be a sequence of msb.Camera"
@@ -22,7 +22,7 @@ def check_cameras(cameras: Iterable[Camera]) -> list[Camera]:
 
 
 def check_set(cameras: Sequence[Camera], source: Source) -> None:
-    """Raise an error for an empty set, or for two cameras with the same name."""
+    """Raise an error for an empty set, or for two cameras with equal names."""
     if not cameras:
         raise source.error("CAMERA_NONE", "it contains no camera; at least one is needed")
     seen: dict[str, int] = {}
@@ -37,10 +37,10 @@ def check_set(cameras: Sequence[Camera], source: Source) -> None:
 
 
 def stem(camera: Camera) -> str:
-    """Return the name without folders, up to its first dot: `image_name` of the 3DGS family.
+    """Return the camera's name without folders, up to its first dot (`image_name` in the 3DGS family).
 
-    "a/img.b.png" gives "img", so stems may repeat; only full names identify a camera. A camera without a name
-    gives "".
+    For example, "a/img.b.png" gives "img". Several cameras can have the same stem, so only full names
+    identify a camera. A camera without a name has the stem "".
     """
     return (camera.name or "").rsplit("/", 1)[-1].split(".", 1)[0]
 
@@ -48,8 +48,8 @@ def stem(camera: Camera) -> str:
 def sorted_by_stem(cameras: Iterable[Camera]) -> list[Camera]:
     """Return the cameras in the order of the 3DGS family.
 
-    Cameras are sorted by the code points of their `stem` ("DSC_10" before "DSC_2", upper case first); equal
-    stems keep their order.
+    Cameras are sorted by the code points of their `stem` ("DSC_10" before "DSC_2", upper case first). Cameras
+    with equal stems keep their order.
 
     Source: `graphdeco-inria/gaussian-splatting`: scene/dataset_readers.py.
     """
@@ -59,10 +59,9 @@ def sorted_by_stem(cameras: Iterable[Camera]) -> list[Camera]:
 def split_every_8th(
     cameras: Iterable[Camera], key: Callable[[Camera], str] = stem
 ) -> tuple[list[Camera], list[Camera]]:
-    """Return (train, test): cameras 0, 8, 16, ... of the cameras sorted by `key` are test views.
+    """Return (train, test). After sorting by `key`, cameras 0, 8, 16, ... are test views.
 
-    The `split` of the returned cameras is set, or replaced. Use this function for captures without a
-    predefined split.
+    The `split` of each returned camera is set. Use this function for captures without a predefined split.
 
     Source: `graphdeco-inria/gaussian-splatting`: scene/dataset_readers.py (`llffhold`).
     """

@@ -14,26 +14,29 @@ from msb.errors import SceneError
 
 @dataclass(frozen=True)
 class Source:
-    """A file with its path as given, and its bytes; a memory mapping uses no memory until it is read."""
+    """A camera file: its path as the user gave it, and its bytes.
+
+    A memory mapping uses no memory until it is read.
+    """
 
     path: Path
     data: bytes | mmap.mmap
 
     @classmethod
     def open(cls, path: Path) -> Source:
-        """Map the regular file at `path`; pipes and devices are never opened."""
+        """Map the regular file at `path`. Pipes and devices are never opened."""
         return cls(path, map_file(path))
 
     def error(self, code: str, message: str, *, pointer: str | None = None) -> SceneError:
-        """Return an error about this file; the message begins with the `pointer`, if given."""
+        """Return an error about this file. If `pointer` is given, the message begins with it."""
         text = f"{pointer}: {message}" if pointer else message
         return SceneError(code, text, file=self.path, pointer=pointer)
 
     @contextlib.contextmanager
     def locating(self, pointer: str | None, what: str = "") -> Iterator[None]:
-        """Add this file, `pointer` and `what` to errors that name no file yet.
+        """Add the path of this file, `pointer` and `what` to errors without a file.
 
-        `Camera` and its checks raise such errors, because they do not know where values come from.
+        For example, `Camera` raises errors without a file.
         """
         try:
             yield

@@ -1,4 +1,4 @@
-"""transforms_*.json: cameras of NeRF-Synthetic, and of instant-ngp and nerfstudio, which extend it.
+"""Read transforms_*.json, the camera files of NeRF-Synthetic, instant-ngp and nerfstudio.
 
 Sources: `bmild/nerf`: load_blender.py; `NVlabs/instant-ngp`: src/nerf_loader.cu; nerfstudio documentation,
 Data conventions.
@@ -21,7 +21,7 @@ from msb.scenes.poses import from_opengl
 from msb.scenes.transforms_lens import read_distortion
 
 SPLIT_NAME = re.compile(r"transforms_(train|val|test)\.json", re.IGNORECASE)
-# Suffixes that are kept; another end of a name, as in "frame.0001", is part of it.
+# Image suffixes that are kept. Any other ending, such as ".0001" in "frame.0001", is part of the name.
 _KEPT_SUFFIXES = {*IMAGE_SUFFIXES, ".exr", ".bmp"}
 
 
@@ -39,7 +39,7 @@ def read(root: Node) -> list[Camera]:
 
 
 def _first_size(root: Node, files: SpelledFiles) -> tuple[int, int] | None:
-    """Return the size of the first image that can be read; None if there is no such image."""
+    """Return the size of the first readable image. If no image can be read, return None."""
     for frame in root["frames"].items():
         with contextlib.suppress(InputError, SceneError):
             name = image_name(frame["file_path"].text())
@@ -55,7 +55,7 @@ def _camera(
     split: Split | None,
     usual_size: Callable[[], tuple[int, int] | None],
 ) -> Camera:
-    """Return the camera of one frame; its keys take precedence over the same keys of the document."""
+    """Return the camera of one frame. Keys of the frame take precedence over keys of the document."""
 
     def find(key: str) -> Node | None:
         return frame.get(key) or root.get(key)
@@ -100,7 +100,10 @@ def _camera(
 
 
 def image_name(path: str) -> str:
-    """Return the image's name below the file's folder: without "./", with ".png" if it has no suffix."""
+    """Return the image's name relative to the file's folder, without "./".
+
+    The suffix ".png" is added to a name without a suffix.
+    """
     path = re.sub(r"^(?:\./)++", "", path)
     return path if PurePosixPath(path).suffix.lower() in _KEPT_SUFFIXES else f"{path}.png"
 
@@ -112,7 +115,10 @@ def _size(
     image: Path,
     usual_size: Callable[[], tuple[int, int] | None],
 ) -> tuple[int, int]:
-    """Return the recorded size, else the size of the image file; for a missing file that of another frame."""
+    """Return the recorded size. If the recorded size is missing, return the size of the image file.
+
+    If the file is missing, use another frame's image.
+    """
     if width is not None and height is not None:
         with width.locating():
             return check_size((width.whole(), height.whole()))

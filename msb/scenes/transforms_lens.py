@@ -1,4 +1,4 @@
-"""The lens of a frame in transforms.json: the keys of instant-ngp and nerfstudio for distortion."""
+"""The lens of a frame in transforms.json: the distortion keys of instant-ngp and nerfstudio."""
 
 from collections.abc import Callable
 
@@ -8,7 +8,7 @@ from msb.scenes.json_node import Node
 _PERSPECTIVE = {"", "PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"}
 _FULL = "FULL_OPENCV"
 _FISHEYE = {"OPENCV_FISHEYE", "FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"}
-# nerfstudio's name of COLMAP's RAD_TAN_THIN_PRISM_FISHEYE.
+# nerfstudio's name for COLMAP's RAD_TAN_THIN_PRISM_FISHEYE.
 _ARIA = "FISHEYE624"
 _KEYS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 
@@ -16,11 +16,12 @@ _KEYS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 def read_distortion(find: Callable[[str], Node | None]) -> Distortion | None:
     """Return the distortion of a frame; None for a pinhole camera.
 
-    `find` returns the value of a key, of the frame or else of the document. `camera_model` is written in
-    letters of either case. A frame is a fisheye image by its model or by `is_fisheye` or `fisheye`. The
-    coefficients are k1 to k6, p1 and p2, or `distortion_params`: four, five or eight values in OpenCV's
-    order, six in nerfstudio's (k1 to k4, p1, p2), twelve for FISHEYE624. CAMERA_DISTORTED reports images that
-    are no photographs of a lens (panoramas, orthophotos).
+    The function `find` returns the value of a key. Keys of the frame take precedence over keys of the
+    document. `camera_model` may be in upper or lower case. A frame is a fisheye image if its camera model is
+    a fisheye, or if `is_fisheye` or `fisheye` is true. The coefficients are k1 to k6, p1 and p2, or
+    `distortion_params`. `distortion_params` has four, five or eight values in OpenCV's order, six in
+    nerfstudio's order (k1 to k4, p1, p2), or twelve for FISHEYE624. Raise CAMERA_DISTORTED for images without
+    a lens model (panoramas, orthophotos).
     """
     model = find("camera_model")
     name = "" if model is None else model.text().upper()
@@ -48,7 +49,7 @@ def read_distortion(find: Callable[[str], Node | None]) -> Distortion | None:
             name = _FULL if len(numbers) == 8 else name
         else:
             raise listed.wrong_type("4, 5, 6 or 8 numbers, or 12 for FISHEYE624")
-    # Choose the model whose formula the program that wrote the file applies.
+    # Choose the distortion formula of the program that wrote the file.
     kind: str
     coefficients: tuple[float, ...]
     if is_fisheye:
@@ -63,5 +64,5 @@ def read_distortion(find: Callable[[str], Node | None]) -> Distortion | None:
 
 
 def _is_set(flag: Node | None) -> bool:
-    """Return whether a flag is true: true, or a number other than 0."""
+    """Return whether a flag is set: the JSON value true, or a number other than 0."""
     return flag is not None and (flag.value is True or (flag.value is not False and flag.number() != 0))

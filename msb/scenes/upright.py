@@ -7,22 +7,25 @@ from numpy.typing import NDArray
 
 from msb.scenes.camera import Camera
 
-# The right vectors determine up if their mean square along the second axis is at least this number. Below it,
-# they all lie within about 6 degrees of one line, because the camera was not turned sideways.
+# Minimum mean square of the right vectors along their second axis for computing the up direction from them.
+# Below this value, all right vectors are nearly parallel (within 6 degrees), because the camera was never
+# turned sideways.
 _MIN_SPREAD = 0.01
 
 
 def find_up(cameras: Sequence[Camera]) -> NDArray[np.float64]:
-    """Return the direction (3,) that is up in the world of a capture, a unit vector in float64.
+    """Return the unit vector (3,) float64 that points up in the world of a capture.
 
-    People hold cameras level, so up is square to the right vectors of the cameras: the direction with the
-    least sum of squared dot products with them. The mean of the cameras' up vectors gives its sign. If
-    all right vectors lie along one line, up is the mean up vector without its part along that line. On four
-    captures the result was 0 to 6 degrees off the vertical, the mean up vector up to 22 degrees.
+    People hold cameras level, so up is perpendicular to the right vectors of the cameras. The result
+    minimises the sum of squared dot products with the right vectors. The sign of the result follows the mean
+    up vector of the cameras. If all right vectors lie along one line, up is the mean up vector without its
+    component along that line. On four captures, the error of the result was at most 6 degrees. The error of
+    the mean up vector was up to 22 degrees.
     """
     axes = np.stack([camera.camera_to_world[:3, :3] for camera in cameras])
     right, mean_up = axes[:, :, 0], -axes[:, :, 1].mean(axis=0)
-    # Eigenvectors in columns, by ascending mean square of the right vectors (n, 3) along them.
+    # Compute the principal axes of the right vectors (n, 3) as columns, in ascending order of their mean
+    # square.
     spread, directions = np.linalg.eigh(right.T @ right / len(right))
     if spread[1] >= _MIN_SPREAD:
         up = directions[:, 0] * (1.0 if directions[:, 0] @ mean_up >= 0 else -1.0)

@@ -1,4 +1,4 @@
-"""Read and write views.json, the package's file format for cameras; it stores all fields except paths."""
+"""Read and write views.json, the package's camera file format. The file stores all fields except paths."""
 
 import json
 import os
@@ -37,7 +37,7 @@ def read_views(path: str | os.PathLike[str]) -> ViewsFile:
 
 
 def read(root: Node) -> ViewsFile:
-    """Return the content of a document; unknown keys are errors, so that misspelt ones are noticed."""
+    """Return the content of a document. Unknown keys are errors, so that misspelt keys are noticed."""
     schema = root["schema"]
     if schema.value != SCHEMA:
         raise schema.error("CAMERA_FILE", f'it is {schema.abbreviated()}; it must be "{SCHEMA}"')
@@ -91,9 +91,9 @@ def write_cameras(
     Parameters
     ----------
     cameras : iterable of Camera
-        At least one camera. Names must be unique; cameras may have none.
+        At least one camera. Names must be unique; cameras without a name are allowed.
     path : str or Path
-        The file. It is replaced completely, or not changed if writing fails.
+        The file. The file is replaced completely, or not changed if writing fails.
     background : (float, float, float), optional
         Red, green and blue in [0, 1].
 
@@ -102,7 +102,7 @@ def write_cameras(
     SceneError
         CAMERA_NONE or CAMERA_FILE.
     OutputError
-        OUTPUT_UNWRITABLE, or OUTPUT_FORMAT_LIMIT: the file would be too large to be read again.
+        OUTPUT_UNWRITABLE, or OUTPUT_FORMAT_LIMIT: the file would be too large for `read_cameras`.
     UsageError
         USAGE: `cameras` or `path` has the wrong type, for example because they were swapped.
     """
@@ -114,7 +114,7 @@ def write_cameras(
         if len(head["background"]) != 3 or not all(0 <= value <= 1 for value in head["background"]):
             text = f"the background is {background}; it must be red, green and blue from 0 to 1"
             raise SceneError("CAMERA_FILE", text, file=path)
-    # One camera per line, so that files can be compared and edited by hand.
+    # Write one camera per line, so that files can be compared and edited by hand.
     lines = ",\n  ".join(json.dumps(_entry(camera)) for camera in cameras)
     content = f'{json.dumps(head)[:-1]}, "cameras": [\n  {lines}\n]}}\n'.encode("ascii")
     if len(content) > MAX_BYTES:
@@ -125,7 +125,7 @@ def write_cameras(
 
 
 def _entry(camera: Camera) -> dict[str, Any]:
-    """Return the camera as JSON data; floats are written so that reading gives exactly the same values."""
+    """Return the camera as JSON data. Reading the written numbers gives exactly the same values."""
     entry = {"name": camera.name} | {key: getattr(camera, key) for key in _REQUIRED}
     entry |= {key: getattr(camera, key) for key in _OPTIONAL[1:]}
     entry["world_to_camera"] = camera.world_to_camera.tolist()

@@ -1,4 +1,4 @@
-"""Cameras that no photograph has: a flight beside the cameras of a capture, and cameras in their gaps."""
+"""Additional cameras without photographs: a flight beside a capture's cameras, and cameras in gaps."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from msb.scenes.camera import Camera
 from msb.scenes.paths import interpolate_cameras
 
-# Frames between two stops: one second of film.
+# Frames between two stops of the flight: one second of film.
 PACE = 24
-# Largest number of stops.
+# Largest number of stops of the flight.
 _STOPS = 10
-# Decimal places for rounding gaps, so that the choice between equal gaps does not depend on the last bits.
+# Number of decimals of a gap between cameras. Rounding makes equal gaps compare equal.
 _DIGITS = 6
-# Offsets of successive stops in camera axes: right, nearer, left, farther, up.
+# Displacements of successive stops, in camera axes: right, nearer, left, farther, up.
 _ASIDE = ((1, 0, 0), (0, 0, 1), (-1, 0, 0), (0, 0, -1), (0, -1, 0))
 
 
@@ -26,15 +26,16 @@ def make_walk(
     """Return the first `frames` cameras of a closed flight between and beyond the cameras of a capture.
 
     The flight passes at most ten of `stops`, evenly spread, in their order. Each stop is displaced by `reach`
-    times the radius of the `capture`, which is the largest distance of a camera from the mean of all cameras.
-    The direction alternates: right, nearer, left, farther, up. The displaced camera is rotated so that the
-    point nearest to the axes of all cameras keeps its place in the image. The flight takes 24 frames to the
-    next stop (`interpolate_cameras`). A walk that is longer than one round starts again.
+    times the radius of the `capture`: the largest distance of a camera from the mean of all cameras. The
+    direction of displacement alternates: right, nearer, left, farther, up. Each displaced camera is rotated
+    towards the point nearest to all camera axes, so that this point keeps its place in the image. The flight
+    takes 24 frames from stop to stop (`interpolate_cameras`). If `frames` exceeds one loop of the flight, the
+    flight starts again.
 
     Parameters
     ----------
     stops, capture : sequence of Camera
-        The cameras to pass, at least two, and all cameras.
+        At least two cameras that the flight passes, and all cameras of the capture.
     frames : int
     reach : float
     size : int
@@ -63,19 +64,22 @@ def measure_radius(cameras: Sequence[Camera]) -> float:
 
 
 def find_target(cameras: Sequence[Camera]) -> NDArray[np.float64]:
-    """Return the point (3,) with the least sum of squared distances from the axes of all cameras."""
+    """Return the point (3,) with the smallest sum of squared distances from the axes of all cameras."""
     centers = np.stack([camera.center for camera in cameras])
     axes = np.stack([camera.camera_to_world[:3, 2] for camera in cameras])
-    # Projections (n, 3, 3) perpendicular to the axes; the point solves a 3 x 3 linear system.
+    # Compute projections (n, 3, 3) perpendicular to the axes. The point solves a 3 x 3 linear system.
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     middle = centers.mean(axis=0)
     pulls = np.einsum("nij,nj->i", across, centers - middle)
-    # The pseudo-inverse does not move the point along parallel axes.
+    # If all axes are parallel, the pseudo-inverse does not move the point along them.
     return np.asarray(middle + np.linalg.pinv(across.sum(axis=0), rcond=1e-3) @ pulls)
 
 
 def _move(camera: Camera, offset: NDArray[np.float64], aim: NDArray[np.float64]) -> Camera:
-    """Return a camera moved by `offset` along its axes, and rotated to keep `aim` in place in the image."""
+    """Return a camera moved by `offset` along its axes.
+
+    The camera is rotated so that `aim` keeps its place in the image.
+    """
     pose = camera.world_to_camera.copy()
     before = pose[:3, :3] @ aim + pose[:3, 3]
     pose[:3, 3] -= offset
@@ -88,7 +92,7 @@ def _move(camera: Camera, offset: NDArray[np.float64], aim: NDArray[np.float64])
 
 
 def _rotation_between(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the smallest rotation (3, 3) from one direction to another, less than a half-turn away."""
+    """Return the smallest rotation (3, 3) that turns `start` into `end`, less than a half-turn away."""
     x, y, z = np.cross(start, end)
     skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.asarray(np.eye(3) + skew + skew @ skew / (1 + start @ end))
@@ -97,13 +101,13 @@ def _rotation_between(start: NDArray[np.float64], end: NDArray[np.float64]) -> N
 def fill_gaps(cameras: Sequence[Camera], count: int) -> list[Camera]:
     """Return at most `count` additional cameras, each halfway between two neighbours.
 
-    Cameras that were added earlier also count. Two cameras are neighbours if no other camera is nearer to the
-    pose halfway between them. The rotations of neighbours must differ by less than 120 degrees, because a
-    straight path to the other side of an object could pass through the object. The next camera is the halfway
-    pose with the largest distance to its nearest camera, so the widest gaps are filled first. The distance of
-    two cameras is the angle between their axes in radians, plus the distance of their centres in radii of the
-    capture. Fewer cameras are returned if `cameras` is a single camera, or if its cameras are in one place or
-    opposite each other.
+    Cameras that were added by earlier steps can also be neighbours. Two cameras are neighbours if no other
+    camera is nearer to the pose halfway between them. The rotations of neighbours must differ by less than
+    120 degrees. The limit of 120 degrees avoids straight paths through an object. Each step adds the halfway
+    pose that is farthest from its nearest camera. The widest gaps are therefore filled first. The distance of
+    two cameras is the angle between their axes in radians, plus the distance of their centres divided by the
+    radius of the capture. The result has fewer cameras if no neighbours remain, for example for a single
+    camera or for two opposite cameras.
     """
     aim = find_target(cameras)
     every = list(cameras)
@@ -111,10 +115,11 @@ def fill_gaps(cameras: Sequence[Camera], count: int) -> list[Camera]:
     while len(every) < len(cameras) + count:
         poses = np.stack([camera.world_to_camera for camera in every])
         turns = poses[:, :3, :3]
-        # The trace of the rotation between two cameras is 1 + 2 cos(angle); it is positive below 120 degrees.
+        # The trace of the rotation between two cameras is 1 + 2 cos(angle), which is positive below 120
+        # degrees.
         pairs = np.argwhere(np.triu(np.einsum("mij,nij->mn", turns, turns) > 0, 1))
-        # Distances (pairs, cameras) of all halfway poses to all cameras. The cameras of a pair are neighbours
-        # if no other camera is nearer.
+        # Compute the distances (pairs, cameras) of all halfway poses to all cameras. Two cameras are
+        # neighbours if no other camera is nearer to their halfway pose.
         halfway = _interpolate_halfway(poses[pairs[:, 0]], poses[pairs[:, 1]], aim)
         gaps = _measure_gaps(halfway, poses, radius)
         widest = gaps.min(axis=1)
@@ -134,14 +139,14 @@ def _interpolate_halfway(
     """Return the poses (N, 4, 4) halfway between the poses `starts` and `ends`.
 
     If both cameras look at `aim`, the halfway pose is on an arc around it. Each camera has a point in front
-    of it at the depth of `aim`. The halfway pose has the mean of these points and depths. If `aim` is behind
-    the cameras, as in a room, the cameras move along a line.
+    of it, at the depth of `aim`. The halfway pose uses the mean point and the mean depth of both cameras. If
+    `aim` is behind the cameras, as in a room, the halfway pose is on a line between the cameras.
     """
-    # The mean rotation is the nearest orthogonal matrix to the sum.
+    # The mean rotation is the orthogonal matrix nearest to the sum of both rotations.
     left, _, right = np.linalg.svd(starts[:, :3, :3] + ends[:, :3, :3])
     halfway = starts.copy()
     halfway[:, :3, :3] = left @ right
-    # Mean depth of the point in front of each camera, and the mean of these points.
+    # Compute the mean depth of the points in front of the cameras, and the mean position of the points.
     away = np.zeros(len(halfway))
     seen = np.zeros((len(halfway), 3))
     for pose in (starts, ends):
@@ -161,7 +166,7 @@ def _centers(poses: NDArray[np.float64]) -> NDArray[np.float64]:
 def _measure_gaps(
     firsts: NDArray[np.float64], seconds: NDArray[np.float64], radius: float
 ) -> NDArray[np.float64]:
-    """Return the distances (N, M) between the poses of two sets."""
+    """Return the distances (N, M) between the poses of two sets of cameras."""
     turned = np.arccos((firsts[:, 2, :3] @ seconds[:, 2, :3].T).clip(-1, 1))
     moved = np.linalg.norm(_centers(firsts)[:, None] - _centers(seconds), axis=2)
     return np.asarray((turned + moved / radius).round(_DIGITS))

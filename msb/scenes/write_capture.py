@@ -18,8 +18,9 @@ from msb.scenes.poses import quaternion_from_rotation
 if TYPE_CHECKING:
     from msb.scenes.datasets.rules import Size
 
-# Reads the photograph of a view, or its mask for an image of the given (height, width), as the pinhole
-# camera of the view takes it: (H, W, 3) or (H, W, 4), and (H, W, 1), uint8.
+# Callback that reads the photograph of a view. If a size (height, width) is passed, the callback reads the
+# mask of the view. Images are resampled to the pinhole camera of the view. Photographs are (H, W, 3) or (H,
+# W, 4) and masks (H, W, 1), uint8.
 ReadPhotograph = Callable[[Scene, Camera], NDArray[np.uint8]]
 # Positions (N, 3) and colours (N, 3) of points.
 Points = tuple[NDArray[np.float64], NDArray[np.uint8]]
@@ -36,12 +37,13 @@ def write_capture(
     *,
     overwrite: bool = False,
 ) -> None:
-    """Write a scene whose views have the size of their photographs to a new folder.
+    """Write a scene to a new folder. The views of the scene must have the size of their photographs.
 
-    The folder holds `images` with the names of the photographs, `sparse/0` with PINHOLE cameras and `points`
-    as COLMAP text, `masks` if the scene has mask files, and `train_list.txt` and `test_list.txt` if it
-    records its split. Pixels are stored without loss, as PNG, whatever suffix a name has; programs recognise
-    an image by its content. `step` is called after each photograph. A failure leaves no partial folder.
+    The folder contains `images` with the names of the photographs, and `sparse/0` with PINHOLE cameras and
+    `points` as COLMAP text. If a scene has mask files, `masks` is added. If a scene has a recorded split,
+    `train_list.txt` and `test_list.txt` are added. Pixels are stored losslessly as PNG, whatever suffix a
+    name has. Programs recognise the image type by its content. `step` is called after each photograph. A
+    failure does not leave a partial folder.
     """
     views = sorted((*scene.train, *scene.test), key=lambda view: str(view.name))
     names = _names_below_images([str(view.name) for view in views])
@@ -65,7 +67,7 @@ def write_capture(
 
 
 def _names_below_images(names: Sequence[str]) -> list[str]:
-    """Return the names without a first folder that all of them share, such as "images" in transforms.json."""
+    """If all names begin with one folder, such as "images", return the names without this folder."""
     first = {PurePosixPath(name).parts[0] for name in names if "/" in name}
     is_shared = len(first) == 1 and all("/" in name for name in names)
     return [name.partition("/")[2] for name in names] if is_shared else list(names)
@@ -79,7 +81,7 @@ def write_model(
 ) -> None:
     """Write pinhole cameras, and points (N, 3) with colours (N, 3), as a COLMAP model in text format.
 
-    Views with equal sizes and intrinsics share a camera. Numbers read back as the same float64.
+    Views with equal sizes and intrinsics share a camera. Written numbers read back as the same float64.
     """
     folder.mkdir(parents=True)
     cameras: dict[tuple[float, ...], int] = {}

@@ -1,5 +1,5 @@
 """Gaussian splats: the values in their file formats, and the Gaussians of an asset.
 
-The modules decode bytes and arrays of untrusted files. Containers (PLY, GLB, ZIP, images) are opened by the
-adapters of the methods.
+The modules of this package decode bytes and arrays of untrusted files. The adapters (readers of a method's
+files) open the containers PLY, GLB, ZIP and images.
 """

@@ -12,31 +12,32 @@ from msb.asset.sh import SH_C0, sh_basis
 from msb.errors import CheckpointError
 
 Reals = NDArray[np.floating[Any]]
-# SH coefficients per channel without the first -> degree.
+# The SH degree for each number of SH coefficients per channel. The number excludes the coefficient of degree
+# 0.
 DEGREES = {(degree + 1) ** 2 - 1: degree for degree in range(5)}
-# Smallest linear scale of formats that store scales without their logarithm.
+# Minimum linear scale for formats that do not store the logarithm of scales.
 _MIN_SCALE = 1e-30
 
 
 @dataclass(frozen=True, eq=False)
 class Gaussians:
-    """N Gaussians as 3DGS stores them: before activation, in the frame x right, y down, z forward.
+    """A set of `N` Gaussians with the stored parameters of 3DGS, before activation. The axes are x right, y
+    down, z forward.
 
     Attributes
     ----------
     mean : (N, 3) float32
     scale : (N, 3) float32
-        Natural logarithms of the standard deviations. (N, 2) for the flat discs of 2DGS.
-    rotation : (N, 4) float32
-        Quaternions w, x, y, z of any length.
+        Natural logarithms of the standard deviations. The shape is (N, 2) for the flat discs of 2DGS.
+        rotation : (N, 4) float32 Quaternions w, x, y, z of any length.
     opacity : (N,) float32
-        Logits; infinite for opacities of exactly 0 and 1.
+        Logits of the opacities; infinite for opacities of exactly 0 and 1.
     f_dc : (N, 3) float32
         SH coefficients of degree 0.
     f_rest : (N, K, 3) float32 or None
-        The remaining SH coefficients.
+        The SH coefficients of degree 1 and higher.
     antialiased : bool or None
-        Whether the model was trained with compensated opacities; None if the file does not tell.
+        Whether the model was trained with compensated opacities; None if the file does not state this.
     notes : tuple of str
         Properties of the file that were not read.
     """
@@ -57,37 +58,38 @@ class Gaussians:
 
 
 def damaged(text: str) -> CheckpointError:
-    """Return the error that the content of a splat file is damaged or truncated."""
+    """Return the error for a splat file whose content is damaged or truncated."""
     return CheckpointError("CHECKPOINT_DAMAGED", text)
 
 
 def check_count(count: int) -> None:
     """Reject a file without Gaussians."""
     if count < 1:
-        raise CheckpointError("CHECKPOINT_LAYOUT", "it contains no Gaussians")
+        raise CheckpointError("CHECKPOINT_LAYOUT", "the file contains no Gaussians")
 
 
 def to_logit(opacity: Reals) -> NDArray[np.float32]:
-    """Return log(o / (1 - o)) as float32; opacities 0 and 1 give infinite logits."""
+    """Return the logits log(o / (1 - o)) as float32; opacities 0 and 1 give infinite logits."""
     with np.errstate(divide="ignore"):
         return (np.log(opacity) - np.log1p(-opacity)).astype(np.float32)
 
 
 def to_log(scale: Reals) -> NDArray[np.float32]:
-    """Return the logarithms of linear scales as float32; scales of 0 become tiny."""
+    """Return the logarithms of linear scales as float32; a tiny scale replaces a scale of 0."""
     return np.log(np.maximum(scale, _MIN_SCALE)).astype(np.float32)
 
 
 def to_f_dc(color: Reals) -> NDArray[np.float32]:
-    """Return the SH coefficients of degree 0 of colours in [0, 1]."""
+    """Return SH coefficients of degree 0 for colours in [0, 1]."""
     return ((color - 0.5) / SH_C0).astype(np.float32)
 
 
 def expand_quaternions(largest: NDArray[np.integer[Any]], others: Reals) -> Reals:
-    """Return quaternions (N, 4) from three components each ("smallest three").
+    """Return quaternions (N, 4) from their three smallest components.
 
-    `others` (N, 3) are the components in their order, without the component number `largest` (N,), which is
-    positive and makes the length 1.
+    `others` (N, 3) contains the three stored components in ascending order of their numbers. The component
+    with the number `largest` (N,) is not stored. The missing component is positive, and the quaternion has
+    length 1.
     """
     rotation = np.zeros((len(others), 4))
     columns = np.array([[k for k in range(4) if k != left_out] for left_out in range(4)])
@@ -98,15 +100,16 @@ def expand_quaternions(largest: NDArray[np.integer[Any]], others: Reals) -> Real
 
 
 def turn_about_x(gaussians: Gaussians) -> Gaussians:
-    """Return the Gaussians turned by half a turn about x: from x right, y up, z back to our frame, or back.
+    """Return the Gaussians rotated by half a turn about x. This rotation converts between our frame and the
+    frame x right, y up, z back.
 
-    Signs change for y and z of means and quaternions, and for SH coefficients whose basis function is odd
-    under the turn. The axes of a Gaussian have no direction, so the turn of a quaternion is its conjugation.
+    The function negates y and z of the means and of the quaternions. The function also negates the SH
+    coefficients of each basis function that changes its sign under the rotation.
     """
     flip = np.array([1, -1, -1], np.float32)
     f_rest = gaussians.f_rest
     if f_rest is not None:
-        # The sign of each basis function at a turned direction.
+        # Find the sign of each basis function at a rotated direction.
         direction = np.array([[0.48, -0.6, 0.64]])
         values, turned = (
             np.array(sh_basis(d, gaussians.degree))[:, 0] for d in (direction, direction * flip)
@@ -117,7 +120,8 @@ def turn_about_x(gaussians: Gaussians) -> Gaussians:
 
 
 def transform(gaussians: Gaussians, rotation: Reals, size: float, offset: Reals) -> Gaussians:
-    """Return the Gaussians after p -> `size` `rotation` p + `offset`, with their view-dependent colours.
+    """Return the Gaussians after the map p -> `size` `rotation` p + `offset`, with their view-dependent
+    colours.
 
     `rotation` is a rotation matrix (3, 3).
     """
@@ -144,9 +148,10 @@ def transform(gaussians: Gaussians, rotation: Reals, size: float, offset: Reals)
 
 
 def _to_quaternion(rotation: Reals) -> Reals:
-    """Return the quaternion (4,) w, x, y, z of a rotation matrix: the largest eigenvector of a 4 x 4 matrix.
+    """Return the quaternion (4,) w, x, y, z of a rotation matrix.
 
-    The matrix (Bar-Itzhack 2000) has no special case for small w.
+    The quaternion is the dominant eigenvector of a 4 x 4 matrix (Bar-Itzhack 2000). This method needs no
+    special case for small w.
     """
     (a, b, c), (d, e, f), (g, h, i) = rotation
     matrix = np.array(
@@ -162,9 +167,9 @@ def _to_quaternion(rotation: Reals) -> Reals:
 
 
 def _rotate_sh(rest: NDArray[np.float32], degree: int, rotation: Reals) -> NDArray[np.float32]:
-    """Return SH coefficients (N, K, 3) whose colour at d is the old colour at R^T d.
+    """Return SH coefficients (N, K, 3) whose colour at d equals the old colour at R^T d.
 
-    Each degree has a linear map of its own, which is solved from values at sampled directions.
+    The function samples directions and solves a linear system for each degree.
     """
     directions = np.random.default_rng(0).normal(size=(64, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -179,7 +184,7 @@ def _rotate_sh(rest: NDArray[np.float32], degree: int, rotation: Reals) -> NDArr
 
 
 def join(parts: list[Gaussians]) -> Gaussians:
-    """Return all Gaussians of the parts, in order; SH coefficients that a part lacks are 0."""
+    """Return the Gaussians of all parts in order; missing SH coefficients of a part are 0."""
     if len(parts) == 1:
         return parts[0]
     most = max(part.degree for part in parts)

@@ -1,7 +1,7 @@
 """Gaussians of a glTF primitive with the extension KHR_gaussian_splatting.
 
-Source: KhronosGroup/glTF, extensions/2.0/Khronos/KHR_gaussian_splatting/README.md (2026). Means and rotations
-are in the frame of glTF, x right, y up, z towards the viewer. Scales are logarithms.
+Source: KhronosGroup/glTF, extensions/2.0/Khronos/KHR_gaussian_splatting/README.md (2026). Means and
+rotations are in the glTF frame: x right, y up, z towards the viewer. Scales are logarithms.
 """
 
 from collections.abc import Mapping
@@ -16,17 +16,18 @@ from msb.splats.gaussians import Gaussians, to_logit, transform, turn_about_x
 EXTENSION = "KHR_gaussian_splatting"
 MEAN = "POSITION"
 ROTATION, SCALE, OPACITY = (f"{EXTENSION}:{name}" for name in ("ROTATION", "SCALE", "OPACITY"))
-# Attributes of every primitive -> type of their elements.
+# The required attributes of a primitive, and the type of each attribute.
 REQUIRED = {MEAN: "VEC3", ROTATION: "VEC4", SCALE: "VEC3", OPACITY: "SCALAR"}
 
 
 def coefficient(degree: int, number: int) -> str:
-    """Return the attribute with SH coefficient `number` (0 to 2 `degree`) of a degree."""
+    """Return the attribute name of the SH coefficient `number` of a degree; `number` is 0 to 2 `degree`."""
     return f"{EXTENSION}:SH_DEGREE_{degree}_COEF_{number}"
 
 
 def read(attributes: Mapping[str, NDArray[Any]], world: NDArray[np.float64]) -> Gaussians:
-    """Return the Gaussians of a primitive. `attributes` (N, width) are numbers, with integers normalised.
+    """Return the Gaussians of a primitive. `attributes` maps names to arrays (N, width). Integer arrays are
+    normalised.
 
     `world` (4, 4) is the transform of the node: a rotation, a uniform scale and a translation.
 
@@ -39,7 +40,7 @@ def read(attributes: Mapping[str, NDArray[Any]], world: NDArray[np.float64]) -> 
     for name in (*REQUIRED, first):
         if name not in attributes:
             raise CheckpointError("CHECKPOINT_LAYOUT", f"the attribute {name} is missing", pointer=name)
-    # SH coefficients of all complete degrees (N, K, 3).
+    # Collect the SH coefficients of all complete degrees (N, K, 3).
     names: list[str] = []
     for degree in range(1, 4):
         more = [coefficient(degree, number) for number in range(2 * degree + 1)]

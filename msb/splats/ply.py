@@ -1,7 +1,7 @@
-"""Gaussians of PLY tables: 3DGS, 2DGS and their exporters, and SuperSplat's compressed PLY.
+"""Read Gaussians from PLY tables: 3DGS, 2DGS and their exporters, and SuperSplat's compressed PLY.
 
 Layouts: graphdeco-inria/gaussian-splatting (scene/gaussian_model.py, save_ply), hbb1/2d-gaussian-splatting
-(the same, two scales), playcanvas/splat-transform at 8d6b801 (readers/decompress-ply.ts).
+(the same file, but with two scales), playcanvas/splat-transform at 8d6b801 (readers/decompress-ply.ts).
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,9 +26,9 @@ from msb.splats.gaussians import (
 PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 # Property of Mip-Splatting: the standard deviation of the filter that is added to each Gaussian.
 _FILTER = "filter_3D"
-# Rows of a compressed PLY that share a chunk with their bounds.
+# Number of rows in a chunk of a compressed PLY. Each chunk stores its bounds.
 _CHUNK_ROWS = 256
-# f_rest of a compressed PLY has bytes for values from -4 to 4.
+# A compressed PLY stores f_rest as bytes for values from -4 to 4.
 _REST_RANGE = 8.0
 
 
@@ -54,12 +54,13 @@ def holds_discs(names: Sequence[str]) -> bool:
 
 
 def read(tables: Mapping[str, Table], comments: Sequence[str] = ()) -> Gaussians:
-    """Return the Gaussians of the elements of a PLY file, by name. `comments` are the header's.
+    """Return the Gaussians of the elements of a PLY file, by name. `comments` are the comments in the PLY
+    header.
 
     Raises
     ------
     CheckpointError
-        CHECKPOINT_LAYOUT: a property is missing. CHECKPOINT_DAMAGED: elements contradict each other.
+        CHECKPOINT_LAYOUT: a property is missing. CHECKPOINT_DAMAGED: PLY elements contradict each other.
     """
     vertex = tables.get("vertex")
     check_count(0 if vertex is None else vertex.count)
@@ -80,7 +81,7 @@ def read(tables: Mapping[str, Table], comments: Sequence[str] = ()) -> Gaussians
 
 
 def _apply_filter(gaussians: Gaussians, table: Table) -> Gaussians:
-    """Return the Gaussians of Mip-Splatting after its 3D filter, which keeps the integral of the opacity.
+    """Apply the 3D filter of Mip-Splatting, which makes each Gaussian larger and less opaque.
 
     Source: autonomousvision/mip-splatting (scene/gaussian_model.py, get_opacity_with_3D_filter).
     """
@@ -105,7 +106,7 @@ def _columns(table: Table, names: Sequence[str]) -> NDArray[np.float32]:
 
 
 def _read_base_color(table: Table) -> NDArray[np.float32]:
-    """Return f_dc; some exporters of models without SH write bytes red, green and blue instead."""
+    """Return f_dc; some exporters of models without SH write the bytes red, green and blue instead."""
     if "f_dc_0" not in table.names and "red" in table.names:
         return to_f_dc(_columns(table, ["red", "green", "blue"]).astype(np.float64) / 255)
     return _columns(table, [f"f_dc_{k}" for k in range(3)])
@@ -116,7 +117,7 @@ def _read_rest(table: Table) -> NDArray[np.float32] | None:
     count = sum(name.startswith("f_rest_") for name in table.names)
     if count % 3 or count // 3 not in DEGREES:
         valid = ", ".join(str(3 * number) for number in DEGREES)
-        text = f"it has {count} properties f_rest; degrees 0 to 4 have {valid}"
+        text = f"the file has {count} properties f_rest; the SH degrees 0 to 4 need {valid} properties"
         raise CheckpointError("CHECKPOINT_LAYOUT", text, pointer="f_rest_0")
     if not count:
         return None
@@ -125,7 +126,7 @@ def _read_rest(table: Table) -> NDArray[np.float32] | None:
 
 
 def _read_antialiased(comments: Sequence[str]) -> bool | None:
-    """Return the value in the comments of Brush (SplatRenderMode) and Postshot (antialiased)."""
+    """Return the antialiasing mode from the comments of Brush (SplatRenderMode) or Postshot (antialiased)."""
     for line in comments:
         match line.lower().split():
             case ["splatrendermode:", mode]:
@@ -136,15 +137,16 @@ def _read_antialiased(comments: Sequence[str]) -> bool | None:
 
 
 def _read_packed(vertex: Table, tables: Mapping[str, Table]) -> Gaussians:
-    """Return the Gaussians of a compressed PLY: bits between the bounds of each chunk of 256 rows."""
+    """Return the Gaussians of a compressed PLY, which stores bits relative to the bounds of each chunk of
+    256 rows."""
     chunks = tables.get("chunk")
     if chunks is None or chunks.count < -(-vertex.count // _CHUNK_ROWS):
-        text = f"it has {0 if chunks is None else chunks.count} chunks for {vertex.count} Gaussians; "
-        raise damaged(f"{text}there must be one for {_CHUNK_ROWS} Gaussians")
+        text = f"the file has {0 if chunks is None else chunks.count} chunks for {vertex.count} Gaussians; "
+        raise damaged(f"{text}one chunk is needed for {_CHUNK_ROWS} Gaussians")
     number = np.arange(vertex.count) // _CHUNK_ROWS
 
     def between(what: str, axes: str, shares: Reals) -> Reals:
-        """Return values (N, 3) between the bounds of their chunks, from `shares` (N, 3) in [0, 1]."""
+        """Interpolate between the bounds of each chunk; `shares` (N, 3) are fractions in [0, 1]."""
         low, high = (
             _columns(chunks, [f"{end}_{what}{axis}" for axis in axes]).astype(np.float64)[number]
             for end in ("min", "max")
@@ -176,7 +178,8 @@ def _words(table: Table, name: str) -> NDArray[np.uint32]:
 
 
 def _split_bits(words: NDArray[np.uint32], *widths: int) -> Reals:
-    """Return the parts of `words` (N,), highest bits first, as shares (N, parts) of their largest value."""
+    """Split the bit fields of `words` (N,), highest bits first. Return each field as a fraction of its
+    largest value, (N, parts)."""
     shifts = np.cumsum(widths[::-1])[::-1] - widths
     parts = [
         ((words >> np.uint32(shift)) & np.uint32((1 << width) - 1)) / ((1 << width) - 1)
@@ -186,11 +189,11 @@ def _split_bits(words: NDArray[np.uint32], *widths: int) -> Reals:
 
 
 def _read_packed_rest(table: Table | None, count: int) -> NDArray[np.float32] | None:
-    """Return f_rest (N, K, 3) from bytes: 0 is -4, 255 is 4, others are the middles of 256 steps."""
+    """Return f_rest (N, K, 3), decoded from bytes to values from -4 to 4."""
     if table is None or not table.names:
         return None
     if table.count != count:
-        raise damaged(f"it has {table.count} rows of SH for {count} Gaussians")
+        raise damaged(f"the file has {table.count} rows of SH for {count} Gaussians")
     level = _read_rest(table)
     if level is None:
         return None

@@ -1,4 +1,4 @@
-"""The Gaussians of an asset: their buffers, their activation, and their stand-in triangles."""
+"""The Gaussians of an asset: their buffers, their activation, and their placeholder triangles."""
 
 from typing import Any, NamedTuple
 
@@ -11,11 +11,12 @@ from msb.asset.drawable import require, required_buffer
 from msb.splats.gaussians import Gaussians, Reals
 
 MEAN, SCALE, ROTATION = "gauss.mean", "gauss.scale", "gauss.rotation"
-# Distance of a stand-in's corners from the mean, in standard deviations, for opacity 1. The area of the
-# equilateral triangle then is 2 pi, the integral of the Gaussian over the plane of its two longer axes.
+# Distance from the mean to a corner of the placeholder triangle at opacity 1, in standard deviations. The
+# area of the equilateral triangle is then 2 pi, the integral of the Gaussian over the plane of its two longer
+# axes.
 _REACH = np.sqrt(2 * np.pi / (3 * np.sqrt(3) / 4))
 _CORNERS = np.deg2rad([90, 210, 330])
-# Gaussians whose stand-ins are computed at a time, to limit temporary memory.
+# Number of Gaussians whose placeholders are computed at a time, to limit temporary memory.
 _CHUNK = 1 << 17
 
 
@@ -29,9 +30,9 @@ class Activated(NamedTuple):
 
 
 def make_buffers(gaussians: Gaussians) -> dict[str, NDArray[Any]]:
-    """Return the buffers of an asset: the stored parameters, and a stand-in triangle per Gaussian.
+    """Return the buffers of an asset: the stored parameters, and a placeholder triangle per Gaussian.
 
-    All buffers but `positions` and `indices` belong to faces.
+    Each buffer except `positions` and `indices` has one row for each face.
     """
     count = len(gaussians.mean)
     buffers: dict[str, NDArray[Any]] = {
@@ -51,7 +52,7 @@ def make_buffers(gaussians: Gaussians) -> dict[str, NDArray[Any]]:
 def _make_stand_ins(gaussians: Gaussians) -> NDArray[np.float32]:
     """Return a triangle (N, 3, 3) for each Gaussian, in the plane of its two longer axes.
 
-    Its area is the integral of the Gaussian's opacity over this plane.
+    The triangle's area is the integral of the Gaussian's opacity over this plane.
     """
     corners = np.zeros((len(gaussians.mean), 3, 3), np.float32)
     turn = np.stack([np.cos(_CORNERS), np.sin(_CORNERS)])
@@ -60,7 +61,7 @@ def _make_stand_ins(gaussians: Gaussians) -> NDArray[np.float32]:
         with np.errstate(over="ignore", invalid="ignore"):
             deviation = np.exp(gaussians.scale[part].astype(np.float64))
             axes = rotation_matrices(gaussians.rotation[part].astype(np.float64))
-            # Arms (n, 3, 2): the two longer axes as vectors of one standard deviation.
+            # The two longer axes (n, 3, 2). The length of each axis is one standard deviation.
             longest = np.argsort(-deviation, axis=1, kind="stable")[:, :2]
             length = np.take_along_axis(deviation, longest, axis=1)
             arms = np.take_along_axis(axes, longest[:, None, :], axis=2) * length[:, None, :]
@@ -73,7 +74,7 @@ def _make_stand_ins(gaussians: Gaussians) -> NDArray[np.float32]:
 def rotation_matrices(quaternions: Reals) -> Reals:
     """Return rotation matrices (N, 3, 3) of quaternions (N, 4) w, x, y, z, which are normalised first.
 
-    In float32 the operations have the order of torch's `normalize` and of the official kernels.
+    In float32, the operations follow the order of torch's `normalize` and of the official kernels.
     """
     real, q = quaternions.dtype.type, quaternions
     length = np.sqrt(q[:, 0] * q[:, 0] + q[:, 1] * q[:, 1] + q[:, 2] * q[:, 2] + q[:, 3] * q[:, 3])
@@ -88,14 +89,14 @@ def rotation_matrices(quaternions: Reals) -> Reals:
 
 
 def activate(asset: Asset, axes: int, real: type[Any] = np.float32) -> Activated:
-    """Return the activated parameters of the Gaussians of an asset, computed in the type `real`.
+    """Return the activated parameters of an asset's Gaussians; `real` is the type of the numbers.
 
-    `axes` is 3, or 2 for flat discs.
+    The number `axes` is 3, or 2 for flat discs.
 
     Raises
     ------
     AssetError
-        TRIASSET_BUFFER or TRIASSET_FIELD: a buffer is missing, or has another shape or encoding.
+        TRIASSET_BUFFER or TRIASSET_FIELD: a buffer is missing, or has a wrong shape or encoding.
     """
     require(asset, "opacity", "encoding", "logit")
     count = asset.manifest.face_count
@@ -111,7 +112,8 @@ def activate(asset: Asset, axes: int, real: type[Any] = np.float32) -> Activated
 
 
 def covariances(deviation: Reals, rotation: Reals) -> Reals:
-    """Return xx, xy, xz, yy, yz, zz (N, 6) of R S S R^T, with each sum from the first axis to the last."""
+    """Return the covariance R S S R^T as xx, xy, xz, yy, yz, zz (N, 6). Each sum runs from the first axis to
+    the last."""
     m = rotation * deviation[:, None, :]
     pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
     terms = [m[:, i] * m[:, j] for i, j in pairs]

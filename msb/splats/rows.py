@@ -1,7 +1,7 @@
 """Gaussians of a `.splat` file: rows of 32 bytes without a header (antimatter15/splat).
 
-A row is: mean and linear scale as float32 x 3, then bytes of red, green, blue, opacity, and of a quaternion
-w, x, y, z as 128 q + 128. There are no SH coefficients beyond degree 0.
+A row stores the mean and the linear scale as six float32 numbers. Eight bytes follow: red, green, blue,
+opacity, and the quaternion w, x, y, z as 128 q + 128. The format has no SH coefficients beyond degree 0.
 """
 
 import numpy as np
@@ -17,10 +17,11 @@ def read(data: memoryview) -> Gaussians:
     Raises
     ------
     CheckpointError
-        CHECKPOINT_DAMAGED: the size is no multiple of a row. CHECKPOINT_LAYOUT: the file is empty.
+        CHECKPOINT_DAMAGED: the file size is not a multiple of the row size. CHECKPOINT_LAYOUT: the file is
+        empty.
     """
     if len(data) % _ROW.itemsize:
-        raise damaged(f"it has {len(data)} bytes; a .splat file has {_ROW.itemsize} for each Gaussian")
+        raise damaged(f"the file has {len(data)} bytes; a .splat file has {_ROW.itemsize} for each Gaussian")
     check_count(len(data))
     rows = np.frombuffer(data, _ROW)
     rotation = (rows["rotation"].astype(np.float32) - 128) / np.float32(128)

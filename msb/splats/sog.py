@@ -1,4 +1,4 @@
-"""Gaussians of PlayCanvas' SOG format, versions 1 and 2: meta.json and lossless images.
+"""Read Gaussians from PlayCanvas' SOG format, versions 1 and 2: meta.json and lossless images.
 
 Layout: playcanvas/splat-transform at 8d6b801 (readers/read-sog.ts, read-sog-v1.ts). Pixel i of an image
 belongs to Gaussian i.
@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from msb.errors import CheckpointError, shorten
 from msb.splats.gaussians import DEGREES, Gaussians, Reals, check_count, damaged, expand_quaternions, to_logit
 
-# Name of a file -> its texels (H, W, 3 | 4).
+# Function that returns the texels (H, W, 3 | 4) of a named file.
 ReadImage = Callable[[str], NDArray[np.uint8]]
-# Entries of the palette of SH coefficients in a row of its image.
+# Number of palette entries in a row of the image with SH coefficients.
 _ENTRIES_PER_ROW = 64
-# The fourth byte of a quaternion is this number plus the number of its left-out component.
+# The fourth byte of a quaternion is 252 plus the index of the omitted component.
 _LARGEST_TAG = 252
 
 
@@ -39,7 +39,7 @@ def read(meta: Any, read_image: ReadImage) -> Gaussians:
         scale = model.values("scales", model.texels("scales")[:, :3])
         base = model.texels("sh0", width=4)
         f_dc = model.values("sh0", base[:, :3])
-        if model.version == 1:  # the opacity is stored as a logit with separate bounds
+        if model.version == 1:  # version 1 stores the logit of the opacity
             opacity = model.between("sh0", base / 255)[:, 3].astype(np.float32)
         else:
             opacity = to_logit(base[:, 3] / 255)
@@ -64,7 +64,7 @@ class _Model:
         self.meta, self._read_image = meta, read_image
         self.version = meta.get("version", 1)
         if self.version not in (1, 2):
-            text = f"version {shorten(str(self.version), 40)} of SOG is not supported; 1 and 2 are"
+            text = f"version {shorten(str(self.version), 40)} of SOG is not supported; 1 and 2 are supported"
             raise CheckpointError("CHECKPOINT_FORM", text, pointer="version")
         shape = self.part("means").get("shape") if self.version == 1 else [meta.get("count")]
         count = shape[0] if isinstance(shape, list) and shape else None
@@ -82,13 +82,13 @@ class _Model:
         return part
 
     def image(self, name: str, number: int, width: int = 3) -> NDArray[np.uint8]:
-        """Return image `number` of a part: texels (H, W, at least `width`)."""
+        """Return image `number` of a part of meta.json: texels (H, W, at least `width`)."""
         files = self.part(name).get("files")
         if not isinstance(files, list) or len(files) <= number or not isinstance(files[number], str):
             text = f'"files" of "{name}" in meta.json must have {number + 1} names of files'
             raise CheckpointError("CHECKPOINT_LAYOUT", text, pointer=f"{name}/files")
         texels = self._read_image(files[number])
-        if texels.shape[2] < width:  # the encoder omitted an opaque alpha channel
+        if texels.shape[2] < width:  # the image has no alpha channel, so it is opaque
             opaque = np.full((*texels.shape[:2], 1), 255, np.uint8)
             texels = np.concatenate([texels, opaque], axis=2)
         return texels
@@ -102,7 +102,7 @@ class _Model:
         return texels[: self.count]
 
     def numbers(self, name: str, key: str, count: int) -> Reals:
-        """Return the array `key` of a part, with at least `count` finite numbers; a number is one for all."""
+        """Return the array `key` of a part of meta.json. A single stored number is repeated `count` times."""
         stored = self.part(name).get(key)
         values: list[Any] = stored if isinstance(stored, list) else [stored] * count
         if len(values) < count or not all(type(v) in (int, float) and abs(v) < 1e300 for v in values):
@@ -111,24 +111,26 @@ class _Model:
         return np.array(values, np.float64)
 
     def between(self, name: str, shares: Reals) -> Reals:
-        """Return values between "mins" and "maxs" of a part, for shares (..., channels) in [0, 1]."""
+        """Interpolate between "mins" and "maxs" of a part; `shares` (..., channels) are fractions in [0,
+        1]."""
         channels = shares.shape[-1]
         low, high = (self.numbers(name, key, channels)[:channels] for key in ("mins", "maxs"))
         return low + (high - low) * shares
 
     def values(self, name: str, bytes_: NDArray[np.uint8]) -> Reals:
-        """Return the values of bytes: entries of the codebook, or shares between the bounds in version 1."""
+        """Decode bytes. Version 2 uses a codebook, and version 1 interpolates between two bounds."""
         if self.version == 1:
             return self.between(name, bytes_ / 255)
         values: Reals = self.numbers(name, "codebook", 256)[bytes_]
         return values
 
     def rest(self) -> Reals | None:
-        """Return f_rest (N, K, 3): each Gaussian has the number of an entry in a palette; None without SH."""
+        """Return f_rest (N, K, 3), or None without SH. Each Gaussian stores the index of its palette
+        entry."""
         if "shN" not in self.meta:
             return None
         palette = self.image("shN", 0)[:, :, :3]
-        # A row of the palette's image has 64 entries of K texels each.
+        # Each row of the palette image contains 64 entries, and each entry has K texels.
         coefficients = palette.shape[1] // _ENTRIES_PER_ROW
         if coefficients * _ENTRIES_PER_ROW != palette.shape[1] or coefficients not in DEGREES:
             raise damaged(f"the palette of SH is {palette.shape[1]} texels wide; expected 192, 512 or 960")
@@ -146,7 +148,7 @@ class _Model:
 
 
 def _decode_rotations(texels: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Return quaternions (N, 4) w, x, y, z from three bytes and the number of the left-out component."""
+    """Return quaternions (N, 4) w, x, y, z from three bytes and the index of the omitted component."""
     largest = texels[:, 3].astype(np.int64) - _LARGEST_TAG
     rotation = expand_quaternions(np.maximum(largest, 0), (texels[:, :3] / 255 * 2 - 1) * np.sqrt(0.5))
     rotation[largest < 0] = (1, 0, 0, 0)

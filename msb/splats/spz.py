@@ -1,7 +1,8 @@
-"""Gaussians of an `.spz` file (nianticlabs/spz at 21715c3), versions 1 to 4.
+"""Read Gaussians from an `.spz` file (nianticlabs/spz at 21715c3), versions 1 to 4.
 
-Versions 1 to 3 are one gzip stream: a header of 16 bytes, then a column for each parameter. Version 4 has a
-plain header of 32 bytes and each column as a Zstandard stream. The frame is x right, y up, z back.
+Versions 1 to 3 are one gzip stream: a header of 16 bytes, then a column for each parameter. Version 4 has an
+uncompressed header of 32 bytes. Each column of parameters is a Zstandard stream. The frame of the file is x
+right, y up, z back.
 """
 
 import struct
@@ -25,9 +26,9 @@ from msb.splats.gaussians import (
 
 _MAGIC = 0x5053474E
 _HEADER = struct.Struct("<IIIBBBB")
-# First version with Zstandard streams, and the newest known version.
+# First version with Zstandard streams, and the newest supported version.
 _FIRST_ZSTD, _NEWEST = 4, 4
-# Number of streams is the last byte of the header; the offset of the table follows it.
+# The last byte of the header is the number of streams; the offset of the stream table follows it.
 _TABLE_OFFSET = struct.Struct("<I")
 _ENTRY = struct.Struct("<QQ")
 _MAX_STREAMS = 16
@@ -50,7 +51,7 @@ class _Header:
 
     @property
     def widths(self) -> dict[str, int]:
-        """The bytes of each parameter per Gaussian, in the order of the file."""
+        """Number of bytes of each parameter per Gaussian. The parameters are in the order of the file."""
         return {
             "mean": 6 if self.version == 1 else 9,
             "opacity": 1,
@@ -67,8 +68,9 @@ def read(data: memoryview) -> Gaussians:
     Raises
     ------
     CheckpointError
-        CHECKPOINT_DAMAGED: it is truncated, changed, or needs too much memory for its size.
-        CHECKPOINT_FORM: its version or SH degree is unknown. CHECKPOINT_LAYOUT: it has no Gaussians.
+        CHECKPOINT_DAMAGED: the file is truncated, changed, or needs too much memory for its size.
+        CHECKPOINT_FORM: the version or the SH degree of the file is unknown. CHECKPOINT_LAYOUT: the file has
+        no Gaussians.
     UsageError
         EXTRA_MISSING: version 4 needs the extra `compressed`.
     """
@@ -80,7 +82,7 @@ def read(data: memoryview) -> Gaussians:
             size = _check_size(header, limit)
             body = stream.decompress(stream.unconsumed_tail, size)
         except zlib.error as error:
-            raise damaged(f"it cannot be decompressed: {shorten(str(error))}") from None
+            raise damaged(f"the file cannot be decompressed: {shorten(str(error))}") from None
     else:
         header = _parse_header(bytes(data[: _HEADER.size]))
         if header.version < _FIRST_ZSTD:
@@ -88,26 +90,26 @@ def read(data: memoryview) -> Gaussians:
         size = _check_size(header, limit)
         body = _decompress_streams(data, header)
     if len(body) < size:
-        raise damaged(f"it has {len(body)} bytes for {header.count} Gaussians, which need {size}")
+        raise damaged(f"the file has {len(body)} bytes for {header.count} Gaussians, which need {size}")
     return turn_about_x(_decode(header, body))
 
 
 def _parse_header(data: bytes) -> _Header:
     if len(data) < _HEADER.size:
-        raise damaged(f"it ends in its header of {_HEADER.size} bytes")
+        raise damaged(f"the file ends in its header of {_HEADER.size} bytes")
     header = _Header(*_HEADER.unpack(data))
     if header.magic != _MAGIC:
-        raise damaged("it does not begin with the signature of an .spz file")
+        raise damaged("the file does not begin with the signature of an .spz file")
     if not 1 <= header.version <= _NEWEST or header.degree > 4:
         text = f"version {header.version} with SH degree {header.degree} is not supported; "
-        text += f"versions 1 to {_NEWEST} with degrees 0 to 4 are"
+        text += f"use a file of version 1 to {_NEWEST} with degree 0 to 4"
         raise CheckpointError("CHECKPOINT_FORM", text)
     check_count(header.count)
     return header
 
 
 def _check_size(header: _Header, limit: int) -> int:
-    """Return the size of all columns in bytes, after comparing it with the memory limit."""
+    """Return the size of all columns in bytes. Raise an error if the size exceeds the memory limit."""
     size = header.count * sum(header.widths.values())
     if size > limit:
         text = f"its header declares {header.count} Gaussians with {size} bytes, too many for its size"
@@ -116,18 +118,18 @@ def _check_size(header: _Header, limit: int) -> int:
 
 
 def _decompress_streams(data: memoryview, header: _Header) -> bytes:
-    """Return the columns of a file of version 4, which are in the streams of a table, one after the other."""
+    """Return the columns of a file of version 4; a table lists their streams one after another."""
     need_extra("compressed", "zstandard", what="an .spz file of version 4")
     import zstandard
 
     end = _HEADER.size + _TABLE_OFFSET.size
     if len(data) < end or not 0 < header.streams <= _MAX_STREAMS:
-        raise damaged(f"it declares {header.streams} streams; 1 to {_MAX_STREAMS} are valid")
+        raise damaged(f"the file declares {header.streams} streams; 1 to {_MAX_STREAMS} are valid")
     (table,) = _TABLE_OFFSET.unpack_from(data, _HEADER.size)
     at = table + header.streams * _ENTRY.size
     if at > len(data):
         raise damaged("its table of streams is truncated")
-    # Each stream holds a column. A stream is decompressed to the size of its column at most.
+    # Each stream holds one column. Decompression stops at the expected size of the column.
     widths = [width for width in header.widths.values() if width]
     columns = []
     for number, width in zip(range(header.streams), widths, strict=False):
@@ -157,7 +159,7 @@ def _decode(header: _Header, body: bytes) -> Gaussians:
     rest = None
     if header.degree:
         rest = (columns["rest"].reshape(count, -1, 3).astype(np.float32) - 128) / np.float32(128)
-    notes = ("further records of the program that wrote the file",) if header.flags & _HAS_RECORDS else ()
+    notes = ("additional data of the program that wrote the file",) if header.flags & _HAS_RECORDS else ()
     return Gaussians(
         mean=_decode_means(header, columns["mean"]),
         scale=(columns["scale"] / 16 - 10).astype(np.float32),
@@ -171,16 +173,17 @@ def _decode(header: _Header, body: bytes) -> Gaussians:
 
 
 def _decode_means(header: _Header, column: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Return means (N, 3): half floats in version 1, else integers of 24 bits with a fixed point."""
+    """Return means (N, 3): half floats in version 1, otherwise 24-bit fixed-point integers."""
     if header.version == 1:
         return np.ascontiguousarray(column).view("<f2").astype(np.float32)
     low, middle, high = column.reshape(-1, 3, 3).astype(np.int32).transpose(2, 0, 1)
-    fixed = (low | middle << 8 | high << 16) << 8 >> 8  # the shifts extend the sign
+    fixed = (low | middle << 8 | high << 16) << 8 >> 8  # the two shifts extend the sign bit
     return np.ldexp(fixed.astype(np.float32), -header.fraction_bits)
 
 
 def _decode_rotations(header: _Header, column: NDArray[np.uint8]) -> Reals:
-    """Return quaternions (N, 4) w, x, y, z: x, y, z as bytes, or the smallest three from version 3 on."""
+    """Return quaternions (N, 4) w, x, y, z. Before version 3 the file stores x, y and z as bytes.
+    From version 3 on, the file stores the three smallest components."""
     if header.version < 3:
         xyz = column / 127.5 - 1
         w = np.sqrt(np.maximum(0, 1 - np.square(xyz).sum(axis=1)))

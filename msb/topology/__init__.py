@@ -1,4 +1,4 @@
-"""Half-edge structure and audit of triangle meshes given as arrays; this package reads no files."""
+"""Half-edge structure and audit of triangle meshes given as arrays. This package reads no files."""
 
 from msb.topology.audit import Audit, audit_arrays
 

@@ -1,4 +1,4 @@
-"""Analysis of a mesh by vertex, edge and face. The audit counts the results and viewers draw them."""
+"""Analysis of a mesh by vertex, edge and face. The audit counts these results, and viewers draw them."""
 
 import time
 from collections.abc import Callable
@@ -21,10 +21,11 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Components:
-    """Edge-connected components of the faces without a repeated index.
+    """The edge-connected components of all faces without a repeated index.
 
-    `face_component` (F,) is the component of each face, or NONE for repeated-index rows. `sizes` (n,) holds
-    the number of faces of each component, `areas` (n,) its area in squared length units.
+    The field `face_component` (F,) is the component of each face, or NONE for faces with a repeated index.
+    The field `sizes` (n,) has the number of faces of each component. The field `areas` (n,) has the areas in
+    squared length units.
     """
 
     face_component: NDArray[Any]
@@ -39,7 +40,7 @@ class Components:
     def largest(self) -> int | None:
         """Return the component with most faces, or None for a mesh without components.
 
-        Of equally large components, the one with the larger area wins, then the one with the lowest face.
+        If several components have the most faces, the largest area decides, then the lowest face number.
         """
         if self.count == 0:
             return None
@@ -49,7 +50,8 @@ class Components:
 
 @dataclass(frozen=True)
 class Offending:
-    """The numbers (n,) of faulty elements, ascending. Keys are the names of the audit's counts."""
+    """The numbers (n,) of faulty elements in ascending order. The keys are the names of the audit's
+    counts."""
 
     edges: dict[str, NDArray[Any]]
     vertices: dict[str, NDArray[Any]]
@@ -59,8 +61,8 @@ class Offending:
 class Analysis:
     """A mesh with its half-edges, fans, boundary, components and face properties.
 
-    Pass arrays from `mesh_arrays`, which checks them. Each part is computed on first use with NumPy and
-    SciPy. Its time in milliseconds is added to `timings_ms`.
+    Pass arrays returned by `mesh_arrays`, which checks them. Each part of the analysis is computed on first
+    use with NumPy and SciPy. The time of each part in milliseconds is added to `timings_ms`.
     """
 
     def __init__(self, vertices: NDArray[Any], faces: NDArray[Any]) -> None:
@@ -80,12 +82,12 @@ class Analysis:
 
     @cached_property
     def boundary(self) -> Boundary:
-        """The boundary loops and chains."""
+        """The boundary loops, and the boundary chains that do not close."""
         return self._timed("boundary", find_boundary, self.mesh, self.fans)
 
     @property
     def area(self) -> NDArray[np.float64]:
-        """(F,) area of each face in squared length units; 0 if it is not finite."""
+        """(F,) area of each face in squared length units. The value is 0 for an area that is not finite."""
         return self._areas[0]
 
     @property
@@ -95,7 +97,7 @@ class Analysis:
 
     @property
     def components(self) -> Components:
-        """The components across all shared edges."""
+        """The components if faces are joined across all shared edges."""
         return self._components[0]
 
     @property
@@ -136,8 +138,8 @@ class Analysis:
     def offending(self) -> Offending:
         """The elements that the audit reports, by the keys of its counts."""
         mesh, fans = self.mesh, self.fans
-        # Crowded edges have more than two faces. Both half-edges of a flipped two-face edge start at the same
-        # vertex.
+        # Crowded edges are edges with more than two faces. Both half-edges of a flipped two-face edge start
+        # at the same vertex.
         crowded = np.flatnonzero(mesh.multiplicity > 2)
         first, second = mesh.two_face_halfedges
         flipped = np.flatnonzero(mesh.multiplicity == 2)[mesh.origin[first] == mesh.origin[second]]
@@ -167,12 +169,12 @@ def find_components(mesh: HalfEdgeMesh, area: NDArray[np.float64]) -> tuple[Comp
     """Return the components joined across all edges, and the number of components joined across two-face
     edges only.
     """
-    # compact (F,): consecutive numbers for the faces without a repeated index.
+    # `compact` (F,) numbers the faces without a repeated index consecutively.
     proper = np.flatnonzero(~mesh.repeated_index)
     compact = np.full(mesh.face_count, NONE, mesh.faces.dtype)
     compact[proper] = np.arange(len(proper), dtype=mesh.faces.dtype)
     first, second = (compact[face_of(h)] for h in mesh.two_face_halfedges)
-    # Join faces across two-face edges first. Then join these parts across edges with more faces.
+    # Join faces across two-face edges first. Then join the resulting parts across edges with more faces.
     two_face, part = label_components(len(proper), first, second)
     first, second = (part[compact[face_of(h)]] for h in mesh.chained_halfedges)
     count, merged = label_components(two_face, first, second)

@@ -7,9 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import MeshError, shorten
 
-# Maximum number of vertices: a pair of vertex indices must fit into 64 bits.
+# Maximum number of vertices. A pair of vertex indices must fit into 64 bits.
 MAX_VERTICES = 2**32 - 1
-# Maximum number of faces: corners are numbered 3 f + k, and SciPy labels components with int32.
+# Maximum number of faces. Corners are numbered 3 f + k, and SciPy labels components with int32.
 MAX_FACES = (2**31 - 1) // 3
 
 
@@ -29,7 +29,7 @@ def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], ND
             raise MeshError("MESH_ARRAY", text)
     if triangles.size:
         _check_range(triangles, len(points))
-    if triangles.dtype == np.uint32 and len(points) < 2**31:  # the dtype of assets; the top bit is unused
+    if triangles.dtype == np.uint32 and len(points) < 2**31:  # Assets use this dtype. The top bit is unused.
         triangles = triangles.view(np.int32)
     return points, np.ascontiguousarray(triangles, np.int32 if len(points) < 2**31 else np.int64)
 
@@ -44,7 +44,7 @@ def _check_array(values: ArrayLike, name: str, kinds: str) -> NDArray[Any]:
         ragged = "inhomogeneous" in str(error)
         wrong = "has rows of different lengths" if ragged else f"is not an array ({shorten(str(error))})"
         raise MeshError("MESH_ARRAY", f"{name} {wrong}; it must have shape (n, 3)") from error
-    if array.shape in {(0,), (0, 3), (1, 0)}:  # [], an array without rows, or [[]]
+    if array.shape in {(0,), (0, 3), (1, 0)}:  # [] or [[]], an array without rows
         return np.zeros((0, 3), np.float64 if "f" in kinds else np.int64)
     if array.ndim != 2 or array.shape[1] != 3:
         text = f"{name} has shape {array.shape}; it must have shape (n, 3)"

@@ -45,7 +45,7 @@ class Metrics:
 
 @dataclass(frozen=True)
 class Welded:
-    """Counts and metrics of the mesh after merging coincident vertices."""
+    """Counts and metrics of a mesh after merging coincident vertices."""
 
     weld: Weld
     counts: Counts
@@ -54,7 +54,7 @@ class Welded:
 
 @dataclass(frozen=True)
 class Sample:
-    """An offending element: its number, its vertices, and their coordinates in stored precision."""
+    """A faulty element: its number, its vertices, and the vertex coordinates in stored precision."""
 
     element: int
     vertices: tuple[int, ...]
@@ -63,53 +63,56 @@ class Sample:
 
 @dataclass(frozen=True, repr=False)
 class Audit:
-    """The audit of a mesh. `print` shows it in a few lines. A notebook shows it as a small table.
+    """The audit of a mesh.
+
+    `print` shows the audit in a few lines. A notebook displays the audit as a small table.
 
     Attributes
     ----------
     path, method : str or None
-        The file of the mesh and the method of the asset; None for plain arrays.
+        The file of the mesh, and the training method of the model; None for plain arrays.
     topology : {"triangle_soup", "indexed_mesh"}
-        "triangle_soup" if no vertex is used by two faces, determined from the faces.
+        "triangle_soup" if no vertex is used by two faces, determined from the face indices.
     is_soup : bool
         Whether every vertex is used by exactly one face, so that V = 3F.
     counts, metrics : Counts, Metrics
     valence_histogram : dict of int to int
-        The number of vertices for each number of edges at a vertex. Unreferenced vertices have 0 edges.
+        The number of vertices for each number of edges at a vertex. Vertices without faces have 0 edges.
     winding_consistent : bool
-        Whether the two faces of every two-face edge run along it in opposite directions.
+        Whether the two faces of every two-face edge run along that edge in opposite directions.
     samples : dict of str to tuple of Sample
         The first few elements of each count, in ascending order.
     welded : Welded or None
         The result of the requested weld.
     seams : {"texture", "color", "normal", "format"} or None
         The cause of the seams: texture coordinates, colours, attributes that are not read (such as normals),
-        or a format without shared vertices. None without seams.
+        or a format without shared vertices. None for a mesh without seams.
     without_seams : Audit or None
-        The audit of the mesh with merged seams; None without seams.
+        The audit of the mesh with merged seams; None for a mesh without seams.
     closed_once_merged : bool
         Whether the mesh is open as stored, but closed, manifold and consistently wound after this weld.
-        False if this was not tested: a mesh with more than 200,000 faces is tested only if the exact weld is
-        requested.
+        False if the mesh was not tested: with more than 200,000 faces, only a requested exact weld tests
+        the mesh.
     merged : Merged or None
         The counts of an open mesh of at most 200,000 faces after an exact weld, or after merging vertices of
-        boundary edges that differ by rounding. None if there are none.
+        boundary edges that differ by rounding. None if no weld was computed.
     without_duplicates : Counts or None
-        The counts of a non-manifold mesh without its duplicate faces. None without duplicates.
+        The counts of a non-manifold mesh without its duplicate faces. None for a mesh without duplicate
+        faces.
     bodies : Bodies or None
         Whether the bodies of a closed mesh are inside out, flat, touch or cross; None for other meshes.
     corners_coincide : bool or None
-        For a triangle soup, whether an exact weld would join any two faces; otherwise None.
+        For a triangle soup, whether an exact weld would join any two faces; None for other meshes.
     cross_check : list or None
         Rows of `msb.topology.crosscheck`.
     timings_ms : dict of str to float
         Milliseconds by stage.
     computed_by : str
-        "NumPy", or "OpenCL" and the device; both give the same results.
+        "NumPy", or "OpenCL" and the device; NumPy and OpenCL give the same results.
     verdict : {"ok", "limited", "bad"}
-        Whether the mesh is usable as it is for all tasks, for some, or for hardly any.
+        Whether the stored mesh is usable for all tasks, for some tasks, or for hardly any task.
     sentence : str
-        The tasks that the mesh is usable for, and its faults.
+        A sentence with the tasks that the mesh is usable for, and the faults of the mesh.
     """
 
     topology: Literal["triangle_soup", "indexed_mesh"]
@@ -135,7 +138,7 @@ class Audit:
 
     @property
     def judged(self) -> Audit:
-        """The audit that decides the verdict. For a mesh with seams it is the audit with merged seams."""
+        """The audit for the verdict. For a mesh with seams, the audit with merged seams decides."""
         return self.without_seams or self
 
     @property
@@ -145,7 +148,7 @@ class Audit:
 
     @property
     def sentence(self) -> str:
-        """The sentence of the verdict, without a full stop."""
+        """The sentence of the verdict, without a final full stop."""
         return judge(self).sentence
 
     def __repr__(self) -> str:
@@ -226,9 +229,9 @@ class Audit:
         }
 
     def variants(self) -> dict[str, dict[str, int]]:
-        """Return the counts under each definition of the two ambiguous terms.
+        """Two terms have several definitions. Return the count of each term by definition.
 
-        The audit prints the count of the first definition of each term.
+        The audit prints the count under the first definition of each term.
         """
         c = self.counts
         return {
@@ -255,9 +258,10 @@ def audit_arrays(
 ) -> tuple[Audit, Analysis]:
     """Return the audit of plain arrays, and the analysis for viewers and exports.
 
-    `attributes` are the UVs and colours for which a file may duplicate vertices at seams; see
-    `msb.topology.seams.seam_attributes`. `check_crossings` also checks the bodies of a closed mesh. Kernels
-    compute the audit of a large mesh. Its analysis is therefore computed only when a caller uses it.
+    The argument `attributes` contains the UVs and colours for which a file may duplicate vertices at seams.
+    The function `msb.topology.seams.seam_attributes` returns these attributes. If `check_crossings` is true,
+    the audit also tests whether the bodies of a closed mesh cross. Kernels compute the audit of a large mesh.
+    Each part of the analysis is computed when a caller uses the part.
     """
     points, triangles = mesh_arrays(vertices, faces)
     findings, analysis = find_findings(points, triangles)
@@ -273,7 +277,7 @@ def audit_arrays(
         without, _ = audit_arrays(points[seams.first], merged_faces, check_crossings=check_crossings)
         without = replace(without, samples=_name_stored_vertices(without.samples, seams.first))
         report = replace(report, counts=counts, seams=seams.kind, without_seams=without)
-    # The mesh after an exact weld; reuse a weld that was already audited.
+    # Find the mesh after an exact weld, unless the requested weld is the exact weld.
     if report.welded is not None and chosen == "exact":
         after_weld = Merged("exact", report.welded.counts) if report.counts.boundary_edges else None
     elif report.without_seams is not None:
@@ -284,13 +288,13 @@ def audit_arrays(
         after_weld = audit_merged(findings, points, triangles)
     closes = after_weld is not None and is_closed(after_weld.counts)
     report = replace(report, merged=after_weld)
-    # The counts without duplicate faces, and the bodies of a closed mesh.
+    # Count again without duplicate faces, and check the bodies of a closed mesh.
     if report.counts.duplicate_faces and report.counts.nonmanifold_vertices:
         single = triangles[~find_duplicate_faces(triangles)]
         report = replace(report, without_duplicates=find_findings(points, single)[0].counts)
     if check_crossings and is_closed(report.counts) and not report.counts.nonfinite_faces:
         report = replace(report, bodies=check_bodies(points, triangles, report.counts.components))
-    # Whether the corners of a triangle soup meet, ignoring its repeated-index rows.
+    # Test whether corners of the triangle soup meet, ignoring faces with a repeated index.
     coincide = None
     if report.counts.all_apart:
         degenerate = report.counts.repeated_index_faces > 0
@@ -302,7 +306,10 @@ def audit_arrays(
 def _name_stored_vertices(
     samples: dict[str, tuple[Sample, ...]], first: NDArray[Any]
 ) -> dict[str, tuple[Sample, ...]]:
-    """Return the samples with the vertex numbers of the file: merged vertex i is row `first[i]` (W,)."""
+    """Return the samples with the vertex numbers of the file.
+
+    Merged vertex i is row `first[i]` (W,) of the file.
+    """
     return {
         kind: tuple(
             replace(

@@ -1,4 +1,4 @@
-"""Connected components of a graph given as pairs of nodes. No other module joins elements into groups."""
+"""Connected components of a graph given as pairs of nodes. Only this module joins elements into groups."""
 
 from typing import Any
 
@@ -7,17 +7,18 @@ from numpy.typing import NDArray
 
 
 def label_components(count: int, first: NDArray[Any], second: NDArray[Any]) -> tuple[int, NDArray[np.int32]]:
-    """Group `count` nodes so that both nodes of every pair are in the same group.
+    """Assign `count` nodes to groups so that both nodes of every pair are in one group.
 
-    Return the number of groups and the group (count,) of each node. Groups are numbered by their lowest node.
-    Takes O(count + n) time and memory for n pairs.
+    Return the number of groups, and the group (count,) of each node. Groups are numbered by their lowest
+    node. Takes O(count + n) time and memory for n pairs.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     if len(first) == 0:
         return count, np.arange(count, dtype=np.int32)
-    # SciPy adds up repeated pairs. A float32 sum cannot overflow to zero, as an integer sum can.
+    # SciPy adds up the values of repeated pairs. A float32 sum cannot overflow to zero, unlike an integer
+    # sum.
     values = np.ones(len(first), np.float32)
     graph = coo_array((values, (first, second)), shape=(count, count)).tocsr()
     groups, labels = connected_components(graph, directed=False)

@@ -1,10 +1,10 @@
 """Find pairs of faces that cross each other, decided exactly for float64 corners.
 
-Two faces cross if an edge of one face passes through the other face or its border, from one side to the
-other. The test uses signs of determinants (Guigue and Devillers, "Fast and Robust Triangle-Triangle Overlap
-Test Using Orientation Predicates", 2003). A determinant within its rounding error counts as 0. Faces that
-only touch do not cross. Neighbours do not cross at their shared corner or edge. Coplanar faces do not cross,
-even if they overlap.
+Two faces cross if an edge of one face passes through the other face from one side to the other side. The edge
+may pass through the border of the face. The test uses signs of determinants (Guigue and Devillers, "Fast and
+Robust Triangle-Triangle Overlap Test Using Orientation Predicates", 2003). A determinant counts as 0 if it is
+smaller than its rounding error. Faces that only touch do not cross. Adjacent faces do not cross at their
+shared corner or edge. Coplanar faces do not cross, even if they overlap.
 """
 
 from collections.abc import Iterator
@@ -13,11 +13,11 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-# Error bound of a 3 x 3 determinant of differences, relative to its permanent. It is (7 + 56 eps) eps with
-# eps = 2^-53 (Shewchuk, "Adaptive Precision Floating-Point Arithmetic", 1997, for orient3d).
+# Error bound of a 3 x 3 determinant of differences, relative to its permanent. The bound is (7 + 56 eps)
+# eps with eps = 2^-53 (Shewchuk, "Adaptive Precision Floating-Point Arithmetic", 1997, for orient3d).
 _ROUNDING = 7.8e-16
-# Pairs of nodes per batch. Their children's arrays fit into the cache of the processor, which is twice as
-# fast as batches of millions.
+# Pairs of tree nodes per batch. The child nodes of a batch fit into the processor cache, which doubles the
+# speed.
 _PAIRS_AT_ONCE = 1 << 14
 # Shifts and masks that move each bit of a 21-bit number to every third place.
 _SPREAD = tuple(
@@ -47,19 +47,20 @@ def find_crossing_pairs(
     *,
     most: int | None = None,
 ) -> NDArray[np.int64] | None:
-    """Return the pairs (n, 2) of faces that cross, sorted, each pair once with the lower number first.
+    """Return the pairs (n, 2) of crossing faces in sorted order, each pair once with the lower number first.
 
     Parameters
     ----------
     corners : (F, 3, 3) float64
         The corners of the faces, all finite.
     places : (F, n, 3) float64, optional
-        Points that define the bounding boxes instead of `corners`. Pass the faces mapped to a space in which
-        they have similar sizes if their sizes differ by many orders of magnitude.
+        Points that define the bounding boxes instead of `corners`. If the face sizes differ by many orders of
+        magnitude, pass points in a space that makes the sizes similar.
     of : (F,) bool, optional
         Return only pairs with at least one of these faces.
     most : int, optional
-        The maximum number of pairs of overlapping bounding boxes to test. Long, thin faces have many.
+        The maximum number of pairs of overlapping bounding boxes to test. Long, thin faces have many
+        overlapping boxes.
 
     Returns
     -------
@@ -79,28 +80,28 @@ def find_crossing_pairs(
 def _find_near_pairs(
     low: NDArray[np.float64], high: NDArray[np.float64], of: NDArray[np.bool_] | None
 ) -> Iterator[NDArray[np.int64]]:
-    """Yield batches (n, 2) of boxes that overlap, each pair once with the lower number first.
+    """Yield batches (n, 2) of overlapping boxes, each pair once with the lower number first.
 
-    `low` and `high` (F, 3) are the corners of the boxes. If `of` (F,) is given, each pair has at least one of
-    these boxes. The boxes are the leaves of a binary tree in Morton order (Karras, "Maximizing Parallelism in
-    the Construction of BVHs, Octrees, and k-d Trees", 2012), which is walked from pairs of nodes to pairs of
-    their children.
+    The arguments `low` and `high` (F, 3) are opposite corners of the boxes. If `of` (F,) is given, at least
+    one box of each pair is marked in `of`. The boxes are the leaves of a binary tree in Morton order. The
+    search walks from pairs of nodes to pairs of their children (Karras, "Maximizing Parallelism in the
+    Construction of BVHs, Octrees, and k-d Trees", 2012).
     """
     count = len(low)
     if count < 2:
         return
-    # The lowest level, padded to a power of two with boxes that overlap nothing. Each level has half as many
-    # nodes as the one below it.
+    # The lowest level is padded to a power of two with boxes that overlap nothing. Each level has half as
+    # many nodes as the level below.
     depth = (count - 1).bit_length()
     order = np.argsort(_number_along_curve((low + high) / 2), kind="stable")
-    boxes = [np.full((6, 1 << depth), np.inf)]  # rows: the low corner, and the negated high corner
+    boxes = [np.full((6, 1 << depth), np.inf)]  # A column has the low corner and the negated high corner.
     boxes[0][:, :count] = np.concatenate([low[order].T, -high[order].T])
     wanted = [np.zeros(1 << depth, bool)]
     wanted[0][:count] = True if of is None else of[order]
     for _ in range(depth):
         boxes.append(np.minimum(boxes[-1][:, ::2], boxes[-1][:, 1::2]))
         wanted.append(wanted[-1][::2] | wanted[-1][1::2])
-    # Pairs of nodes that overlap, with their level. The last batch is taken first, which bounds the memory.
+    # Pairs of overlapping nodes, with their level in the tree. Taking the last batch first limits the memory.
     waiting = [(depth, np.zeros(1, np.int64), np.zeros(1, np.int64))]
     while waiting:
         level, first, second = waiting.pop()
@@ -109,7 +110,7 @@ def _find_near_pairs(
             np.concatenate([2 * first + i for i in (0, 0, 1, 1)]),
             np.concatenate([2 * second + j for j in (0, 1, 0, 1)]),
         )
-        # A node and itself have three pairs of children; a leaf and itself are no pair.
+        # A pair of a node with itself has three pairs of children. A pair of a leaf with itself is skipped.
         keep = first <= second if level else first < second
         if of is not None:
             keep &= wanted[level][first] | wanted[level][second]
@@ -126,12 +127,13 @@ def _find_near_pairs(
 
 
 def _number_along_curve(points: NDArray[np.float64]) -> NDArray[np.uint64]:
-    """Return the place (n,) of each point on a Morton curve: its coordinates with interleaved bits."""
+    """Return the position (n,) of each point on a Morton curve, computed by interleaving the bits of its
+    coordinates."""
     origin = points.min(axis=0)
     extent = max(float((points.max(axis=0) - origin).max()), np.finfo(np.float64).tiny)
     numbers = np.zeros(len(points), np.uint64)
     for axis in range(3):
-        # 21 bits, each moved to every third place.
+        # Coordinates have 21 bits, and each bit moves to every third place.
         bits = np.minimum((points[:, axis] - origin[axis]) / extent * (1 << 21), (1 << 21) - 1)
         spread = bits.astype(np.uint64)
         for shift, mask in _SPREAD:
@@ -141,11 +143,11 @@ def _number_along_curve(points: NDArray[np.float64]) -> NDArray[np.uint64]:
 
 
 def _test_pairs(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return a mask (n,) of the pairs that cross; `first` and `second` are triangles (n, 3, 3)."""
+    """Return a mask (n,) of the crossing pairs of triangles `first` and `second` (n, 3, 3)."""
     first, second = (np.ascontiguousarray(corners.transpose(1, 2, 0)) for corners in (first, second))
     result = np.zeros(first.shape[2], bool)
-    # signs_1 (3, n): sides of the corners of `first` relative to the planes of `second`. Most pairs end here,
-    # because all three corners are on one side.
+    # Compute `signs_1` (3, n), the sides of the corners of `first` relative to the planes of `second`. Most
+    # pairs are rejected here, because all three corners of one face are on one side of the other face.
     signs_1 = np.stack([_find_sides(second[0], second[1], second[2], first[k]) for k in range(3)])
     rows = np.flatnonzero(np.abs(signs_1.sum(axis=0)) < 3)
     first, second, signs_1 = first[..., rows], second[..., rows], signs_1[:, rows]
@@ -155,8 +157,8 @@ def _test_pairs(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDAr
     rest = np.flatnonzero(~apart)
     rows, first, second = rows[rest], first[..., rest], second[..., rest]
     crossed = np.zeros(len(rows), bool)
-    # An edge crosses a face if its ends are on different sides of the plane, and if it also passes all three
-    # edges of the face with the same sense of rotation.
+    # An edge crosses a face under two conditions. The edge has its ends on different sides of the plane. The
+    # edge also passes all three edges of the face with the same sense of rotation.
     for edges, face, signs in ((first, second, signs_1[:, rest]), (second, first, signs_2[:, rest])):
         for k in range(3):
             start, stop = edges[k], edges[(k + 1) % 3]
@@ -172,7 +174,9 @@ def _are_on_one_side(signs: NDArray[np.int8]) -> NDArray[np.bool_]:
 
 
 def _find_sides(a: NDArray[Any], b: NDArray[Any], c: NDArray[Any], d: NDArray[Any]) -> NDArray[np.int8]:
-    """Return the side (n,) of the points d (3, n) relative to the planes a, b, c (3, n each): -1, 0 or 1."""
+    """Return on which side (n,) of the planes through a, b and c (3, n each) the points d (3, n) lie: -1, 0
+    or 1.
+    """
     (x, y, z), (u, v, w), (p, q, r) = (corner - d for corner in (a, b, c))
     value = x * (v * r - w * q) + y * (w * p - u * r) + z * (u * q - v * p)
     size = (

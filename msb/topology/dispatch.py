@@ -1,4 +1,4 @@
-"""Run an audit with NumPy for small meshes and with OpenCL kernels for large ones."""
+"""Run an audit with NumPy for small meshes, and with OpenCL kernels for large meshes."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from msb.topology.findings import Findings, find_by_numpy
 if TYPE_CHECKING:
     from msb.cl import Device
 
-# Minimum number of faces for the kernels. For smaller meshes, opening a device and compiling the kernels
-# takes longer than the kernels save.
+# Minimum number of faces for using the kernels. For smaller meshes, opening a device and compiling the
+# kernels takes longer than the audit with NumPy.
 FEWEST_FACES = 1 << 16
 
 
 def find_findings(points: NDArray[Any], faces: NDArray[Any]) -> tuple[Findings, Analysis]:
-    """Return the findings and the analysis of a mesh; pass arrays from `mesh_arrays`.
+    """Return the findings and the analysis of a mesh. The arrays must come from `mesh_arrays`.
 
-    Both implementations give bit-identical results. If no device can run the kernels, or the device fails,
-    NumPy is used and `computed_by` gives the reason.
+    The NumPy code and the kernels give bit-identical results. If no device can run the kernels, or the
+    device fails, NumPy is used and `computed_by` gives the reason.
     """
     analysis = Analysis(points, faces)
     note = ""
@@ -33,7 +33,7 @@ def find_findings(points: NDArray[Any], faces: NDArray[Any]) -> tuple[Findings, 
 
         try:
             device = _shared_cpu()
-            with device.using():  # one audit at a time
+            with device.using():  # only one audit at a time uses the device
                 return find_by_kernels(points, faces, device), analysis
         except (DeviceError, UsageError) as error:
             note = f" ({error.message})"

@@ -1,4 +1,4 @@
-"""Offending elements with their vertices, for the option `--elements` and for viewers."""
+"""Faulty elements with their vertices, for the option `--elements` and for viewers."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -20,11 +20,11 @@ class ElementGroup:
 
 @dataclass(frozen=True)
 class Elements:
-    """A mesh with its offending elements and its components.
+    """A mesh with its faulty elements and its components.
 
-    `groups` are ordered: vertices, edges, faces. Kinds are keys of the audit's counts. The number of an edge
-    is its position among the sorted vertex pairs. `face_component` (F,) numbers components by size, largest
-    first; repeated-index rows have -1.
+    The field `groups` is sorted in the order vertices, edges, faces. The kinds of elements are keys of the
+    audit's counts. The number of an edge is its position among the sorted vertex pairs. The field
+    `face_component` (F,) numbers components by size, the largest first. Faces with a repeated index have -1.
     """
 
     vertices: NDArray[Any]
@@ -34,7 +34,7 @@ class Elements:
 
 
 def find_elements(analysis: Analysis) -> Elements:
-    """Return the offending elements that the audit of `analysis` counts."""
+    """Return the faulty elements that the audit of `analysis` counts."""
     mesh, offending = analysis.mesh, analysis.offending
     groups = [
         *(ElementGroup(kind, ids, ids[:, None]) for kind, ids in offending.vertices.items()),
@@ -52,5 +52,5 @@ def _rank_by_size(analysis: Analysis) -> NDArray[Any]:
     order = np.lexsort((np.arange(components.count), -components.areas, -components.sizes))
     rank = np.zeros(components.count + 1, components.face_component.dtype)
     rank[order] = np.arange(components.count)
-    rank[-1] = -1  # NONE is index -1 and keeps -1
+    rank[-1] = -1  # The index -1 (NONE) stays -1.
     return np.asarray(rank[components.face_component])

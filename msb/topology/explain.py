@@ -1,6 +1,7 @@
-"""The definition of every number of the audit, as plain data. `msb-audit --explain` prints them.
+"""The definition of every number of the audit, as plain data. `msb-audit --explain` prints the definitions.
 
-explanations.toml holds the data; docs/definitions.md gives the reasons behind the definitions.
+The file explanations.toml holds the data. The page docs/definitions.md gives the reasons behind the
+definitions.
 """
 
 import difflib
@@ -30,13 +31,13 @@ class Explanation:
     formula : str
         The formula, on one line.
     definition : str
-        The elements that are counted, in two to four sentences.
+        The counted elements, in two to four sentences.
     matters : str
         The consequence of a high or low value for users of the mesh.
     source : str
         Where the definition comes from: the section of the paper, or the reason for our decision.
     special : str
-        Values for empty, degenerate or damaged meshes; empty if there is nothing to add.
+        Values for empty, degenerate or damaged meshes; empty if no value is special.
     peers : mapping of str to str
         For each library, "agrees" or the exact difference.
     aliases : tuple of str
@@ -64,7 +65,7 @@ class Explanation:
         yield from self.peers.items()
 
     def to_text(self) -> str:
-        """Return the explanation for a terminal, at most 80 columns wide."""
+        """Return the explanation as terminal text, at most 80 columns wide."""
         head = f"{self.name} ({self.symbol})" if self.symbol not in {"", self.name} else self.name
         lines = textwrap.wrap(f"{head}: {self.title}", 80)
         lines += ["", *textwrap.wrap(self.definition, 80), ""]
@@ -91,19 +92,19 @@ def _read() -> dict[str, Explanation]:
     return {name: Explanation(name, **{"symbol": "", **fill(entry)}) for name, entry in data.items()}
 
 
-# Key of the JSON -> explanation; the columns of the paper come first.
+# Explanations by JSON key. The columns of the paper come first.
 EXPLANATIONS: dict[str, Explanation] = _read()
 
 
 def explain(name: str) -> Explanation:
-    """Return the explanation of a quantity.
+    """Return the explanation of a quantity of the audit.
 
     Parameters
     ----------
     name : str
-        Its key in the JSON (`nonmanifold_edge_ratio`), with or without the enclosing object
-        (`metrics.nonmanifold_edge_ratio`), or its symbol in formulas (`nm_edge_ratio`, `E_gt2`). Case does
-        not matter, and "-" may stand for "_".
+        The key of the quantity in the JSON (`nonmanifold_edge_ratio`), with or without the enclosing object
+        (`metrics.nonmanifold_edge_ratio`), or its symbol in formulas (`nm_edge_ratio`, `E_gt2`). Upper and
+        lower case are equal, and "-" may replace "_".
 
     Examples
     --------
@@ -118,15 +119,15 @@ def explain(name: str) -> Explanation:
         for known in (entry.name, entry.symbol, *entry.aliases)
         if known
     }
-    # LCC_area and lcc_area are different symbols. Any other spelling means the first of them, the column of
-    # the paper.
+    # `LCC_area` and `lcc_area` are symbols of different quantities. A name with other capital letters selects
+    # the first quantity, which is a column of the paper.
     folded: dict[str, Explanation] = {}
     for known, entry in exact.items():
         folded.setdefault(known.casefold(), entry)
     match = exact.get(wanted) or folded.get(wanted.casefold())
     if match is None:
-        # Suggest names that contain the text, such as "manifold", or are spelled alike. A cutoff of 0.7
-        # avoids chance matches.
+        # Suggest names that contain the text, such as "manifold", or that have a similar spelling. A cutoff
+        # of 0.7 avoids chance matches.
         near = difflib.get_close_matches(wanted.casefold(), folded, 3, 0.7)
         near += [known for known in folded if len(wanted) > 2 and wanted.casefold() in known]
         near = list(dict.fromkeys(near))[:4]

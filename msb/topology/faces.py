@@ -5,23 +5,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Faces per batch; their corners take 19 MB (nine doubles each).
+# Faces per batch. The corners of a batch take 19 MB (nine doubles each).
 _CHUNK = 1 << 18
-# Faces per batch for volumes.
+# Faces per batch of a volume computation.
 _VOLUMES_AT_ONCE = 1 << 15
 
 
 def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return the area (F,) of each face in squared length units, and whether it is finite (F,).
 
-    The area is half the norm of the cross product in double precision, or 0 if that is not finite.
+    The area is half the norm of the cross product in double precision. An area that is not finite becomes 0.
     """
     area = np.zeros(len(faces))
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
         for start in range(0, len(faces), _CHUNK):
             corners = vertices[faces[start : start + _CHUNK]].astype(np.float64)
             first = corners[:, 0]
-            # The sum is written out to fix its order, so that the kernels give bit-identical areas.
+            # The written-out sum has a fixed order, so that the kernels give bit-identical areas.
             x, y, z = np.cross(corners[:, 1] - first, corners[:, 2] - first).T
             area[start : start + _CHUNK] = 0.5 * np.sqrt(x * x + y * y + z * z)
     finite = np.isfinite(area)
@@ -37,22 +37,25 @@ def face_vectors(points: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[np
 
 
 def signed_volume(vertices: NDArray[Any], faces: NDArray[np.int64]) -> float:
-    """Return the volume of a closed mesh in cubed length units; negative if it is wound inwards."""
+    """Return the volume of a closed mesh in cubed length units.
+
+    The volume is negative if the mesh is wound inwards.
+    """
     return float(signed_volumes(vertices, faces).sum())
 
 
 def signed_volumes(vertices: NDArray[Any], faces: NDArray[Any]) -> NDArray[np.float64]:
     """Return the signed volume (F,) of the tetrahedron between each face and the first corner of the mesh.
 
-    The sum over a closed body is its volume, in cubed length units, and negative if it is wound inwards. A
-    point of the mesh as apex keeps rounding errors small.
+    The sum over a closed body is its volume in cubed length units. The volume is negative if the body is
+    wound inwards. Using a point of the mesh as apex keeps rounding errors small.
     """
     volumes = np.zeros(len(faces))
     if not len(faces):
         return volumes
     apex = vertices[faces[0, 0]].astype(np.float64)
     x, y, z = (vertices[:, axis].astype(np.float64) - apex[axis] for axis in range(3))
-    # Batches whose columns fit into the cache of the processor are twice as fast.
+    # Batches are twice as fast if their columns fit into the processor cache.
     for start in range(0, len(faces), _VOLUMES_AT_ONCE):
         rows = slice(start, start + _VOLUMES_AT_ONCE)
         a, b, c = np.ascontiguousarray(faces[rows].T)
@@ -64,9 +67,9 @@ def signed_volumes(vertices: NDArray[Any], faces: NDArray[Any]) -> NDArray[np.fl
 def sum_areas(area: NDArray[np.float64], group: NDArray[Any], groups: int) -> NDArray[np.float64]:
     """Return the area (groups,) of each group of faces, added in the order of the faces.
 
-    `area` (F,) is non-negative and `group` (F,) is the group of each face. Rounding is monotone. Adding in
-    face order therefore guarantees that the area of a group never exceeds the area of all faces. Both are
-    equal if all other faces have zero area.
+    The argument `area` (F,) must not be negative. The argument `group` (F,) is the group of each face.
+    Rounding is monotone. Adding in face order guarantees that the area of a group never exceeds the area of
+    all faces. If all other faces have zero area, the area of the group equals the area of all faces.
     """
     return np.bincount(group, weights=area, minlength=groups).astype(np.float64)
 
@@ -79,7 +82,10 @@ def has_no_area(
 
 
 def names_vertex_twice(faces: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which rows of `faces` (F, 3) have a repeated index; such rows have no edges and no area."""
+    """Return which rows of `faces` (F, 3) have a repeated index.
+
+    Rows with a repeated index have no edges and no area.
+    """
     a, b, c = faces.T
     return np.asarray((a == b) | (b == c) | (a == c))
 
@@ -93,9 +99,10 @@ def find_duplicate_faces(faces: NDArray[Any]) -> NDArray[np.bool_]:
     if len(faces) < 2:
         return extra
     low, high = faces.min(axis=1), faces.max(axis=1)
-    # The middle index is the sum minus the lowest and the highest index. An overflow of the sum cancels out.
+    # The middle index is the sum minus the lowest and the highest index. If the sum overflows, the
+    # subtraction corrects the result.
     middle = faces[:, 0] + faces[:, 1] + faces[:, 2] - low - high
-    order = np.lexsort((high, middle, low))  # stable: equal rows stay in ascending order
+    order = np.lexsort((high, middle, low))  # The sort is stable: equal rows stay in ascending order
     same = np.ones(len(faces) - 1, bool)
     for column in (low, middle, high):
         sorted_column = column[order]
@@ -104,8 +111,9 @@ def find_duplicate_faces(faces: NDArray[Any]) -> NDArray[np.bool_]:
     return extra
 
 
-# Largest number of faces that xatlas cuts into charts at once. Its time grows with the square of this number:
-# 48,000 faces took 23 s in one block, and 5 s in blocks of this size. It crashed on a sphere of 81,920 faces.
+# Maximum number of faces that xatlas cuts into charts in one call. The time of xatlas grows with the square
+# of this number: 48,000 faces took 23 s in one block, and 5 s in blocks of this size. xatlas crashed on a
+# sphere of 81,920 faces.
 UNWRAP_FACES = 8192
 
 

@@ -1,9 +1,9 @@
-"""Fans around vertices, boundary loops, and the readings of "non-manifold vertex".
+"""Fans around vertices, boundary loops, and the definitions of a non-manifold vertex.
 
 A *fan* is a set of corners at one vertex that are connected across two-face edges. A vertex is manifold
-exactly if it has one fan. Its link, cut at nodes of degree three and more, is then a single path or cycle.
-The proof is in docs/definitions.md; tests check the identity *strict = several fans = multifan or endpoint of
-a non-manifold edge*.
+exactly if it has one fan. If the link of a manifold vertex is cut at nodes of degree three and more, the
+result is a single path or cycle. The proof is in docs/definitions.md. Tests check the identity *strict =
+several fans = multifan or endpoint of a non-manifold edge*.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class Fans:
     fan_vertex : (n,) integers
         The vertex of each fan.
     fans_per_vertex : (V,) integers
-        0 for a vertex without proper faces, 1 for a manifold vertex.
+        Number of fans: 0 for a vertex without proper faces, 1 for a manifold vertex.
     groups_per_vertex : (V,) integers
         Number of groups if corners are joined across every shared edge, including non-manifold edges.
     """
@@ -39,7 +39,9 @@ class Fans:
 
 
 def find_end_corners(mesh: HalfEdgeMesh, halfedges: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return for each half-edge the corners of its face at the low and at the high vertex of the edge."""
+    """For each half-edge, return the corners of its face at the low vertex and at the high vertex of the
+    edge.
+    """
     after = next_in_face(halfedges)
     origin = mesh.origin
     upwards = origin[halfedges] < origin[after]
@@ -47,13 +49,14 @@ def find_end_corners(mesh: HalfEdgeMesh, halfedges: NDArray[Any]) -> tuple[NDArr
 
 
 def group_corners(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any]) -> tuple[int, NDArray[Any]]:
-    """Join the corners at each vertex across the given pairs of half-edges; each pair lies on one edge.
+    """Join the corners at each vertex across the given pairs of half-edges.
 
-    Return the number of groups and the group (3F,) of each corner. Groups are numbered by their first corner;
-    repeated-index rows have NONE.
+    Both half-edges of a pair lie on one edge. Return the number of groups and the group (3F,) of each corner.
+    Groups are numbered by their first corner. Corners of faces with a repeated index have NONE.
     """
     corners = np.flatnonzero(~np.repeat(mesh.repeated_index, 3))
-    # Number only the corners of faces without a repeated index. The other corners get no labels.
+    # Number only the corners of faces without a repeated index. Corners of faces with a repeated index get
+    # no labels.
     compact = np.full(mesh.faces.size, NONE, mesh.faces.dtype)
     compact[corners] = np.arange(len(corners), dtype=mesh.faces.dtype)
     count, labels = _join(mesh, compact, first, second, len(corners))
@@ -63,13 +66,13 @@ def group_corners(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any])
 
 
 def find_fans(mesh: HalfEdgeMesh) -> Fans:
-    """Return the fans of `mesh`. Takes O(F) time and memory."""
+    """Return the fans of `mesh`. The function takes O(F) time and memory."""
     count, corner_fan = group_corners(mesh, *mesh.two_face_halfedges)
     corners = np.flatnonzero(corner_fan != NONE)
     labels = corner_fan[corners]
     fan_vertex = np.zeros(count, mesh.faces.dtype)
     fan_vertex[labels] = mesh.origin[corners]
-    # Joining the fans across edges with three or more faces gives the multifan groups.
+    # Join the fans across edges with three or more faces. The multifan count uses the resulting groups.
     groups, group_of_fan = _join(mesh, corner_fan, *mesh.chained_halfedges, count)
     group_vertex = np.zeros(groups, mesh.faces.dtype)
     group_vertex[group_of_fan] = fan_vertex
@@ -86,7 +89,7 @@ def _join(
 ) -> tuple[int, NDArray[np.int32]]:
     """Join the nodes at both ends of each pair of half-edges that share an edge.
 
-    Return groups like `label_components`.
+    Return group numbers like `label_components`.
     """
     first_low, first_high = find_end_corners(mesh, first)
     second_low, second_high = find_end_corners(mesh, second)
@@ -122,14 +125,14 @@ class Boundary:
 def find_boundary(mesh: HalfEdgeMesh, fans: Fans) -> Boundary:
     """Return the boundary loops and chains of `mesh`.
 
-    An open fan has two outer edges. If both are boundary edges, they follow each other along the boundary.
-    Every boundary edge has at most one follower at each end. Connected edges therefore form paths or cycles.
-    A cycle has the same number of links and edges. At a vertex with several fans, loops touch but stay
+    An open fan has two outer edges. If both outer edges are boundary edges, they follow each other along
+    the boundary. Every boundary edge has at most one follower at each end. Connected edges therefore form
+    paths or cycles. A cycle has as many links as edges. At a vertex with several fans, loops touch but stay
     separate.
     """
     edges = np.flatnonzero(mesh.multiplicity == 1)
     halfedge = mesh.edge_halfedges[mesh.edge_offsets[edges]]
-    # Both ends of each boundary half-edge lie in a fan. Link two ends that lie in the same fan.
+    # Find the fans of both ends of each boundary half-edge. Link two ends that lie in the same fan.
     fan = np.concatenate([fans.corner_fan[halfedge], fans.corner_fan[next_in_face(halfedge)]])
     side = np.tile(np.arange(len(edges)), 2)
     order = np.argsort(fan, kind="stable")

@@ -1,4 +1,5 @@
-"""Findings of an audit as plain numbers. The NumPy code and the OpenCL kernels return the same form."""
+"""Findings of an audit as plain numbers. The NumPy code and the OpenCL kernels return findings of the same
+form."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -8,9 +9,10 @@ import numpy as np
 from msb.topology.analysis import Analysis
 from msb.topology.faces import sum_areas
 
-# Offending elements listed for each kind: enough to locate a fault, few enough to read.
+# Number of listed faulty elements of each kind.
 SAMPLES = 3
-# Key of the counts -> (element number, vertices) of the first few offending elements, ascending.
+# For each key of the counts, the first few faulty elements in ascending order. An element is the pair
+# (element number, vertices).
 First = dict[str, tuple[tuple[int, tuple[int, ...]], ...]]
 
 
@@ -18,7 +20,8 @@ First = dict[str, tuple[tuple[int, tuple[int, ...]], ...]]
 class Counts:
     """Integer counts.
 
-    `msb-audit --explain NAME` prints the definition of a finding; docs/definitions.md has all definitions.
+    `msb-audit --explain NAME` prints the definition of a finding. The page docs/definitions.md has all
+    definitions.
     """
 
     vertices: int
@@ -47,21 +50,21 @@ class Counts:
 
     @property
     def all_apart(self) -> bool:
-        """Whether no two faces share a vertex: a triangle soup, even if it also has degenerate rows.
+        """Whether no two faces share a vertex, as in a triangle soup, even if the mesh has degenerate faces.
 
-        Faces with a repeated index do not use vertices. A mesh without valid faces is not a soup.
+        Faces with a repeated index do not use vertices. A mesh without valid faces is not a triangle soup.
         """
         return self.referenced_vertices == 3 * (self.faces - self.repeated_index_faces) > 0
 
 
 @dataclass(frozen=True)
 class Findings:
-    """The counts of a mesh and the other results that the report needs.
+    """The counts of a mesh, and the other results that the report needs.
 
-    Areas are in squared length units. They are added in face order, so both implementations give the same
-    sums. `shares_vertices` is true if two faces share a vertex. `first` lists the first edges, vertices and
-    faces of each count. The number of an edge is its position among the sorted vertex pairs. Comparisons
-    ignore `timings_ms` and `computed_by`.
+    Areas are in squared length units. Areas are added in face order, so both implementations give equal sums.
+    The field `shares_vertices` is true if two faces share a vertex. The field `first` lists the first edges,
+    vertices and faces of each count. The number of an edge is its position among the sorted vertex pairs.
+    Comparisons ignore `timings_ms` and `computed_by`.
     """
 
     counts: Counts
@@ -75,7 +78,10 @@ class Findings:
 
 
 def find_by_numpy(analysis: Analysis) -> Findings:
-    """Return the findings of `analysis`, computed with NumPy; the readable twin of `msb.topology.kernel`."""
+    """Return the findings of `analysis`, computed with NumPy.
+
+    The module `msb.topology.kernel` computes the same findings with OpenCL.
+    """
     mesh, components, bad = analysis.mesh, analysis.components, analysis.offending
     count_of = {kind: len(ids) for kind, ids in (bad.edges | bad.vertices | bad.faces).items()}
     largest = components.largest()
@@ -111,9 +117,10 @@ def find_by_numpy(analysis: Analysis) -> Findings:
 
 
 def first_of(numbers: Any, vertices: Any = None) -> tuple[tuple[int, tuple[int, ...]], ...]:
-    """Return the first few of ascending element `numbers`, each with its vertices.
+    """Return the first few of the ascending element `numbers`, each with its vertices.
 
-    These are the rows of `vertices`, or the number itself if `vertices` is None.
+    An element has the vertices in its row of `vertices`. If `vertices` is None, the element is a vertex
+    itself.
     """
     return tuple(
         (int(i), (int(i),) if vertices is None else tuple(map(int, vertices[i]))) for i in numbers[:SAMPLES]

@@ -1,12 +1,12 @@
 """Half-edge structure: 3F half-edges, grouped into edges by their undirected vertex pairs.
 
-A classic half-edge mesh allows at most two faces per edge, so it would change a non-manifold mesh before the
-audit. Here an edge is a *group* of any number of half-edges. No face or vertex is merged, dropped, reoriented
-or repaired.
+A classic half-edge mesh allows at most two faces per edge. A classic half-edge mesh would therefore change a
+non-manifold mesh before the audit counts it. In this structure an edge is a *group* of any number of
+half-edges. No face or vertex is merged, dropped, reoriented or repaired.
 
 Half-edge ``h = 3 f + k`` belongs to face f and runs from corner k to corner k + 1 (mod 3) of that face. The
-corner at its start has the same number h. Definitions: docs/definitions.md; paper, "Topology-Metric
-Definitions and Interpretation Limits".
+corner at the start of half-edge h has the number h. The definitions come from docs/definitions.md and the
+paper, "Topology-Metric Definitions and Interpretation Limits".
 """
 
 from dataclasses import dataclass
@@ -18,19 +18,19 @@ from numpy.typing import NDArray
 
 from msb.topology.faces import names_vertex_twice
 
-# Marks a missing element in arrays of element numbers.
+# The number of a missing element in arrays of element numbers.
 NONE = -1
 
 
 @dataclass(frozen=True)
 class HalfEdgeMesh:
-    """A triangle mesh by its half-edges. Element numbers are int32, or int64 from 2^31 vertices on.
+    """A triangle mesh as half-edges. Element numbers are int32, or int64 from 2^31 vertices on.
 
     Attributes
     ----------
     vertex_count : int
     faces : (F, 3) integers
-        The faces as given, including repeated-index rows.
+        The faces as given, including faces with a repeated index.
     edge_vertices : (E, 2) integers
         The distinct unordered pairs (low, high) of all faces without a repeated index, in ascending order.
     edge_offsets : (E + 1,) integers
@@ -57,12 +57,12 @@ class HalfEdgeMesh:
 
     @cached_property
     def repeated_index(self) -> NDArray[np.bool_]:
-        """(F,) whether a face has a repeated index; such a row has no edges and no fans."""
+        """(F,) whether a face has a repeated index. A face with a repeated index has no edges and no fans."""
         return names_vertex_twice(self.faces)
 
     @cached_property
     def multiplicity(self) -> NDArray[Any]:
-        """(E,) number of faces at each edge; duplicate faces count each time."""
+        """(E,) number of faces at each edge. Duplicate faces count each time."""
         return np.diff(self.edge_offsets)
 
     @property
@@ -77,7 +77,7 @@ class HalfEdgeMesh:
 
     @cached_property
     def edge(self) -> NDArray[Any]:
-        """(3F,) edge of each half-edge; NONE in repeated-index rows."""
+        """(3F,) edge of each half-edge. Faces with a repeated index have NONE."""
         edge = np.full(self.faces.size, NONE, self.faces.dtype)
         edge[self.edge_halfedges] = np.repeat(
             np.arange(self.edge_count, dtype=self.faces.dtype), self.multiplicity
@@ -94,7 +94,7 @@ class HalfEdgeMesh:
     def chained_halfedges(self) -> tuple[NDArray[Any], NDArray[Any]]:
         """Pairs of consecutive half-edges in the group of each edge with three or more faces.
 
-        Joining these pairs joins the whole group. A group of k half-edges needs only k - 1 pairs.
+        Joining these pairs joins all half-edges of the edge. For k half-edges, k - 1 pairs suffice.
         """
         crowded = np.repeat(self.multiplicity > 2, self.multiplicity)
         last = np.zeros(len(crowded), bool)
@@ -120,7 +120,7 @@ def next_in_face(halfedge: NDArray[Any]) -> NDArray[Any]:
 def build_half_edges(faces: NDArray[Any], vertex_count: int) -> HalfEdgeMesh:
     """Return the half-edge structure of `faces` (F, 3), which `mesh_arrays` has checked.
 
-    Sorts 3F 64-bit keys: O(F log F) time, about 60 bytes of working memory per face.
+    The function sorts 3F 64-bit keys in O(F log F) time, with about 60 bytes of working memory per face.
     """
     dtype = faces.dtype
     # Half-edges of the faces without a repeated index, and their vertex pairs (low, high).
@@ -128,12 +128,12 @@ def build_half_edges(faces: NDArray[Any], vertex_count: int) -> HalfEdgeMesh:
     rows = faces[valid]
     origin, target = rows.reshape(-1), rows[:, (1, 2, 0)].reshape(-1)
     low, high = np.minimum(origin, target), np.maximum(origin, target)
-    # One 64-bit key for each vertex pair; equal keys are one edge.
+    # One 64-bit key for each vertex pair. Equal keys belong to one edge.
     key, order = _sort_keys(low.astype(np.uint64) * np.uint64(max(vertex_count, 1)) + high.astype(np.uint64))
     is_first = np.ones(len(key), bool)
     np.not_equal(key[1:], key[:-1], out=is_first[1:])
     first = np.flatnonzero(is_first)
-    # Number of each half-edge, and for each edge its first half-edge in sorted order.
+    # Number the half-edges, and find the first half-edge of each edge in sorted order.
     halfedges = (valid.astype(dtype)[:, None] * 3 + np.arange(3, dtype=dtype)).reshape(-1)
     leader = order[first]
     return HalfEdgeMesh(
@@ -146,10 +146,10 @@ def build_half_edges(faces: NDArray[Any], vertex_count: int) -> HalfEdgeMesh:
 
 
 def _sort_keys(key: NDArray[np.uint64]) -> tuple[NDArray[np.uint64], NDArray[Any]]:
-    """Return the keys in ascending order and their original positions; equal keys keep their order.
+    """Return the keys in ascending order and their original positions. Equal keys keep their order.
 
-    If a key and its position fit into 64 bits together (up to about two million faces), the packed numbers
-    are sorted. This is six times as fast as sorting positions by key.
+    For up to about two million faces, a key and its position fit into 64 bits together. The function then
+    sorts packed numbers. Sorting packed numbers is six times as fast as sorting positions by key.
     """
     bits = np.uint64(len(key).bit_length())
     if int(key.max(initial=0)) >> (64 - int(bits)):

@@ -1,10 +1,10 @@
-"""Limits of the convex hulls of collision shapes, and the directions in which their corners are searched."""
+"""Limits of the convex hulls of collision shapes, and the directions that select the hull's corners."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-# Maximum number of corners of a hull. Such a hull has at most 252 faces. Physics engines accept 255 corners
-# and 255 faces.
+# Maximum number of corners of a hull. A hull with this number of corners has at most 252 faces. Physics
+# engines accept 255 corners and 255 faces.
 HULL_CORNERS = 128
 
 

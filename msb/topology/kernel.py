@@ -1,12 +1,14 @@
-"""The audit by OpenCL kernels for a CPU. `findings.find_by_numpy` is the readable twin.
+"""The mesh audit by OpenCL kernels for a CPU.
 
-1. Corners are sorted into blocks of vertices. A block fits into the cache of a core, and each corner carries
-   the other two vertices of its face.
-2. Each vertex of a block is visited with all its faces. Neighbours that these faces share determine edges,
-   fans, duplicates and the boundary. All pairs of faces are compared (audit_small.cl); the faces of a vertex
-   with many faces are sorted instead (audit_large.cl).
-3. The visits list pairs of connected faces. Uniting them gives the components, with the lowest face as root
-   (audit_pairs.cl).
+`findings.find_by_numpy` is the readable version of this module.
+
+1. Corners are sorted into blocks of vertices. A block fits into the cache of a processor core. Each corner
+   has the other two vertices of its face.
+2. Each vertex of a block is visited with all its faces. Two faces at a vertex may share a neighbour vertex.
+   The shared neighbours determine edges, fans, duplicates and the boundary. All pairs of faces at a vertex
+   are compared (audit_small.cl). If there are many faces, the faces are sorted instead (audit_large.cl).
+3. The visits give lists of pairs of connected faces. Uniting the pairs gives the components. The lowest face
+   of a component is its root (audit_pairs.cl).
 
 docs/audit_speed.md gives reasons and measurements.
 """
@@ -43,13 +45,13 @@ class Sizes:
         place. The limit is at least 1/16 of the corners per worker.
     rounds : int
         Number of rounds in which the blocks are processed, reusing the same memory. One more round is added
-        if a block exceeds `large_block`.
+        if a block of vertices exceeds `large_block`.
     most_compared : int
         Maximum number of faces of a vertex that are compared pairwise; a multiple of 8, up to 32.
     chunk_pairs : int
         Number of face pairs in a chunk of the list, more than four times `most_compared`.
     valences : int
-        Length of the valence table. Larger valences are listed one by one.
+        Length of the valence table. Larger valences are listed singly.
     """
 
     block_corners: int = 12288
@@ -71,9 +73,9 @@ def find_by_kernels(
 ) -> Findings:
     """Return the findings of the audit of floating `points` (V, 3) and int32 `faces` (F, 3).
 
-    The device must support double precision. `workers` is the number of work-items, by default one per
-    compute unit. Takes O(V + F) time if vertices have few faces, and O(V + F log F) for any mesh. Uses about
-    45 bytes of device memory per face, and releases them at the end.
+    The device must support double precision. The argument `workers` is the number of work-items, by default
+    one per compute unit. The kernels take O(V + F) time if vertices have few faces, and O(V + F log F) for
+    any mesh. The kernels use about 45 bytes of device memory per face, which are released at the end.
     """
     run = _Run(points, faces, device, workers or device.record.compute_units, sizes or Sizes())
     try:
@@ -83,7 +85,7 @@ def find_by_kernels(
 
 
 class _Run:
-    """An audit in progress: its buffers and its stages in order."""
+    """A running audit: its buffers, and its stages in order."""
 
     def __init__(
         self, points: NDArray[Any], faces: NDArray[np.int32], device: Device, workers: int, sizes: Sizes
@@ -92,7 +94,7 @@ class _Run:
             points = points.astype(np.float64)
         self.points, self.faces = np.ascontiguousarray(points), faces
         self.device, self.workers, self.sizes = device, workers, sizes
-        # Use twice as many chunks of faces as workers, to balance the load if a worker is delayed.
+        # Use twice as many chunks of faces as workers, which balances the load if a worker is delayed.
         self.chunks = 2 * workers
         self.chunk = -(-len(faces) // self.chunks)
         self.tally = tally_dtype(sizes.valences)
@@ -159,8 +161,8 @@ class _Run:
         self.large = max(self.sizes.large_block, share)
         largest = int(block_sizes.max(initial=0))
         rounds = self.sizes.rounds + (largest > self.large)
-        # room: corners per round. It is 1/32 more than an equal share, because blocks do not divide evenly.
-        # It holds at least the largest block.
+        # `room` is the number of corners per round. The room is 1/32 larger than an equal share, because
+        # blocks cannot be divided evenly. The room is at least the size of the largest block.
         room = max(int(self.starts[-1]) // rounds * 33 // 32, largest)
         self.memory = _allocate_pages(max(room + 1, -(-3 * face_count // 2)) * 16)
         records = self._share(self.memory, "corners")
@@ -187,9 +189,9 @@ class _Run:
             buffer.release()
 
     def _plan_rounds(self, room: int) -> Iterator[tuple[int, int]]:
-        """Yield the first and the end block of each round.
+        """Yield the first block and the end block of each round.
 
-        A round has as many blocks as fit into `room` corners.
+        A round processes as many blocks as fit into `room` corners.
         """
         first = 0
         while first < self.blocks:
@@ -201,8 +203,8 @@ class _Run:
         """Run place_corners for the blocks `first` to `end`.
 
         `cursors` (chunks, blocks + 1) holds the first position at which each chunk writes into each block.
-        Inside a block the chunks follow each other. The last column is a spare position for corners of all
-        other blocks.
+        Inside a block, the corners of the chunks follow each other. The last column is a spare position for
+        the corners of all other blocks.
         """
         counts = self.counts[:, first:end]
         cursors = np.full((self.chunks, end - first + 1), spare, np.uint32)
@@ -226,7 +228,7 @@ class _Run:
         )  # fmt: skip
 
     def _make_lists(self, rounds: int) -> None:
-        """Allocate the chunks for at most one face pair per half-edge; some chunks stay partly filled."""
+        """Allocate chunks for at most one face pair per half-edge. Some chunks stay partly filled."""
         sizes, kinds = self.sizes, 3
         full = 3 * len(self.faces) // (sizes.chunk_pairs - 2 * sizes.most_compared) + 1
         begun = kinds * (self.workers + 1) * (2 * rounds + 2)
@@ -234,8 +236,9 @@ class _Run:
         self.fills = self._allocate(full + begun + 1, np.uint32, "chunks of pairs")
 
     def _allocate_scratch(self, workers: int, corners: int, *, large: bool = False) -> tuple[Buffer, int]:
-        """Return the scratch buffer of visit_blocks, and the number of its words for each work-item."""
-        starts = (1 << self.shift) + 1  # two tables of 32-bit numbers
+        """Return the scratch buffer of the kernel visit_blocks, and the number of its words for each
+        work-item."""
+        starts = (1 << self.shift) + 1  # Two tables of 32-bit numbers fit into the buffer.
         words = starts + 1 + (4 if large else 6) * corners
         words += words % 2
         return self._allocate_large(words * workers, np.uint64, "scratch"), words
@@ -243,13 +246,13 @@ class _Run:
     def _count_components(self) -> tuple[int, int]:
         """Return the number of components across all shared edges and across two-face edges only."""
         self.chunks_used = int(self.used[1].read()[0])
-        # Every union that joins two sets reduces the number of components by one.
+        # Every union of two sets reduces the number of components by one.
         proper = len(self.faces) - int(self.improper[:, 0].sum())
         two_face = proper - self._unite_pairs(TWO_FACE, self.parents)
         return two_face - self._unite_pairs(CROWDED, self.parents), two_face
 
     def _unite_pairs(self, kind: int, parents: Buffer) -> int:
-        """Unite the face pairs of a kind; return the number of unions that joined two sets."""
+        """Unite the face pairs of a kind. Return the number of unions that joined two different sets."""
         joined = self._allocate_zeros(self.workers, np.uint32, "joined")
         chunk = self._allocate_zeros(1, np.uint32, "next chunk")
         scalars = _to_uints(self.chunks_used, kind)
@@ -259,8 +262,8 @@ class _Run:
     def _measure_faces(self) -> tuple[float, float, int, int, NDArray[np.uint32]]:
         """Return total area, area and faces of the largest component, boundary loops, degenerate faces."""
         count = len(self.faces)
-        # The next stage needs 24 bytes per face. Reuse the memory of the corners, because its pages are
-        # already mapped.
+        # The next stage needs 24 bytes of memory per face. Reuse the memory of the corners, because the
+        # system has already mapped its pages.
         cuts = np.split(self.memory[: 24 * count], [8 * count, 16 * count, 20 * count])
         areas = self._share(cuts[0].view(np.float64), "areas")
         sums = self._share(cuts[1].view(np.float64), "sums of areas")
@@ -272,16 +275,17 @@ class _Run:
             self.chunks, 1, self._share(self.points, "points"), self.on_device,
             areas, self.parents, sizes, rims, strange, *_to_uints(count, self.chunk),
         )  # fmt: skip
-        # Unite faces that follow each other along the boundary. In each loop, one pair connects faces that
-        # are already in one set.
+
+        # Unite faces that follow each other along the boundary. In each boundary loop, one pair connects two
+        # faces that are already in one set.
         joined = self._unite_pairs(RIM, rims)
         counts = self._allocate(2, np.uint32, "largest component")
-        area_sums = self._allocate(2, np.float64, "area of the largest component and of all")
+        area_sums = self._allocate(2, np.float64, "areas of the largest component and of all faces")
         self.program.sum_largest(1, 1, areas, self.parents, sizes, sums, counts, area_sums, *_to_uints(count))
         chunk_fills = self.fills.read()[1 : self.chunks_used + 1]
         pairs = int((chunk_fills[chunk_fills % 4 == RIM] // 4).sum(dtype=np.int64))
         largest, single_faces = (int(n) for n in counts.read())
-        # A face without shared edges forms a loop with its three edges.
+        # A face without shared edges forms a boundary loop of its three edges.
         largest_area, total = (float(x) for x in area_sums.read())
         return total, largest_area, largest, pairs - joined + single_faces, strange.read()
 
@@ -331,8 +335,8 @@ def _to_uints(*values: int) -> list[np.uint32]:
 
 
 def _allocate_pages(nbytes: int) -> NDArray[np.uint8]:
-    """Return uninitialised memory aligned to a page; large NumPy arrays use huge pages where available."""
+    """Return uninitialised memory aligned to a page. Large NumPy arrays use huge pages where available."""
     page = 4096
-    memory = np.empty(nbytes + page, np.uint8)  # noqa: TID251 - kernels write before anything is read
+    memory = np.empty(nbytes + page, np.uint8)  # noqa: TID251 - kernels write the memory before reading it
     start = -memory.ctypes.data % page
     return memory[start : start + nbytes]

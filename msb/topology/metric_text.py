@@ -4,9 +4,9 @@ import math
 
 # Decimals of ratios and averages, as in the table of mesh diagnostics of the paper.
 DECIMALS = 2
-# Larger counts are printed in millions. Smaller counts are printed in full, because "0.00 M" says nothing.
+# Larger counts are printed in millions. Smaller counts are printed in full, because "0.00 M" is useless.
 _MILLIONS_FROM = 1e5
-# Means of counts below this are printed with one decimal if they have a fraction.
+# Means of counts below this limit are printed with one decimal if they have a fraction.
 _FRACTIONS_BELOW = 100
 
 
@@ -26,7 +26,7 @@ def format_metric(metric: str, value: float) -> str:
 
 
 def format_count(value: float) -> str:
-    """Return a count, or the mean of counts; halves are rounded up.
+    """Return the text of a count, or of a mean of counts. Halves are rounded up.
 
     Examples
     --------

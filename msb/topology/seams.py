@@ -1,8 +1,9 @@
-"""Seams: vertices that a file stores more than once because its format demands it.
+"""Seams: vertices that a file stores more than once because the file format demands this.
 
 In most formats a vertex row has a single UV coordinate, colour and normal. A triangle list shares no vertices
-at all. docs/definitions.md ("Seams") has the definition. Vertices duplicated for another reason are not
-seams. For a mesh with such vertices, `closes_once_merged` tells whether an exact weld would close it.
+at all. The page docs/definitions.md ("Seams") has the definition. Vertices duplicated for another reason are
+not seams. If vertices are duplicated for other reasons, `closes_once_merged` tells whether an exact weld
+would close the mesh.
 """
 
 from collections.abc import Mapping
@@ -21,26 +22,27 @@ from msb.topology.findings import Counts, Findings
 from msb.topology.verdict import helps
 from msb.topology.weld import Weld, find_coincident_vertices, merge_coincident, weld_vertices
 
-# Attributes that make a file duplicate vertices. By vertex: "uv" (V, 2), "color" (V, n) and "seam_key" (V,).
-# By corner: "corner_uv" (3F, 2), "corner_color" (3F, n) and "corner_seam_key" (3F,). By face: "face_texture"
-# (F,). A "seam_key" is a hash of all attributes that are not read, such as normals and tangents. The entry
-# TRIANGLE_LIST means that a soup may be a surface without shared vertices. The value of this entry does not
-# matter.
+# Names of attributes that make a file duplicate vertices. Attributes by vertex: "uv" (V, 2), "color" (V, n)
+# and "seam_key" (V,). Attributes by corner: "corner_uv" (3F, 2), "corner_color" (3F, n) and
+# "corner_seam_key" (3F,). Attribute by face: "face_texture" (F,). A "seam_key" is a hash of all attributes
+# that are not read, such as normals and tangents. The entry TRIANGLE_LIST means that a triangle soup may be
+# a surface without shared vertices. The value of the entry TRIANGLE_LIST does not matter.
 Attributes = Mapping[str, NDArray[Any]]
 SeamKind = Literal["texture", "color", "normal", "format"]
-# A soup is a surface without shared vertices if more than this share of its edges coincide with another edge.
-# The corners of trained soups coincide by chance only.
+# A triangle soup is a surface without shared vertices if more than this share of its edges coincide with
+# another edge. The corners of trained triangle soups coincide by chance only.
 _COINCIDING = 0.5
-# Two faces that fold onto each other at an edge are two sides of a sheet, and not a seam. They fold if the
-# cosine of the angle between their normals is below this limit (0.08 degrees away from opposite).
+# Two faces that fold onto each other at an edge are two sides of a sheet. An edge between two sides of a
+# sheet is not a seam. Two faces fold onto each other if the cosine of the angle between their normals is
+# below this limit. The limit allows 0.08 degrees between one normal and the reversed other normal.
 _FOLDED = -0.999999
 
-# Vertices whose distance is below this share of the largest coordinate may differ by rounding: four units in
-# the last place of float32. The distance must be a small share of the size of the mesh.
+# Vertices may differ by rounding up to this share of the largest coordinate, which is four units in the last
+# place of float32. This distance must be a small share of the size of the mesh.
 _ROUNDING, _MOST_ROUNDING = 2.0**-21, 1e-5
 
-# Up to this number of faces, the audit tests an exact weld even if --weld is not given. The test takes about
-# as long as the audit itself.
+# If a mesh has at most this number of faces, the audit tests an exact weld even without --weld. Testing an
+# exact weld takes about as long as the audit itself.
 MOST_FACES = 200_000
 
 
@@ -55,11 +57,11 @@ class Seams:
     number : (V,) integers
         The merged vertex of each row.
     kind : {"texture", "color", "normal", "format"}
-        "format" for a triangle list. "normal" if only attributes that are not read differ, such as normals.
-        Else "texture" if the mesh has UVs, and "color" if not.
+        The kind is "format" for a triangle list. The kind is "normal" if only attributes that are not read
+        differ, such as normals. Otherwise the kind is "texture" if the mesh has UVs, and "color" if not.
     unexplained : bool
-        Whether some vertices are duplicated only for attributes that are not read. Without these attributes
-        the copies are not needed.
+        Whether some vertices are duplicated only for attributes that are not read. A renderer needs the
+        duplicated vertices only for the attributes.
     """
 
     first: NDArray[Any]
@@ -69,7 +71,7 @@ class Seams:
 
     @property
     def doubles(self) -> int:
-        """Number of rows that duplicate another row at a seam."""
+        """Number of vertex rows that duplicate another row at a seam."""
         return len(self.number) - len(self.first)
 
     def merged(self, faces: NDArray[Any]) -> NDArray[Any]:
@@ -80,38 +82,39 @@ class Seams:
 def seam_attributes(
     buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str], *, triangle_list: bool = False
 ) -> dict[str, Any]:
-    """Return the attributes of an asset for which files duplicate vertices: UVs, colours and keys.
+    """Return the attributes of an asset for which files duplicate vertices: UVs, colours and seam keys.
 
-    Trained vertex attributes are not included: their rows belong to the model, not to a file format.
-    `triangle_list` adds TRIANGLE_LIST, for meshes that are not trained.
+    Trained vertex attributes are not included, because their rows belong to the model, not to a file format.
+    The argument `triangle_list` adds the entry TRIANGLE_LIST, for meshes that are not trained.
     """
     prefix = {"vertex": "", "corner": "corner_"}
     names = [name for name in ("uv", "color", SEAM_KEY) if domains.get(name) in prefix]
     attributes = {f"{prefix[domains[name]]}{name}": buffers[name] for name in names}
-    if "uv" in names and "face_texture" in buffers:  # files store the faces of each texture separately
+    if "uv" in names and "face_texture" in buffers:  # Files store the faces of each texture separately.
         attributes["face_texture"] = buffers["face_texture"]
     return {**attributes, TRIANGLE_LIST: np.zeros(0)} if triangle_list else attributes
 
 
 def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes) -> Seams | None:
-    """Return the seams of a mesh, or None if it has none.
+    """Return the seams of a mesh, or None for a mesh without seams.
 
-    A torn edge is a pair of coincident boundary edges with different attributes at an end, or with different
-    textures on their faces. Its end vertices are merged. Three or more coincident boundary edges are not
-    merged, because their pairing is ambiguous.
+    A torn edge is a pair of coincident boundary edges. The edges differ in their attributes at an end, or in
+    the textures of their faces. The end vertices of a torn edge are merged. Three or more coincident boundary
+    edges are not merged, because their pairing is ambiguous.
 
-    In a triangle soup (triangles that share no vertices) corners may coincide by chance. A soup therefore
-    counts as a mesh with seams under two conditions. More than half of its faces have a torn edge, and no
-    coincident boundary edges have equal attributes. With TRIANGLE_LIST, all coincident vertices of a soup are
-    merged if more than half of its edges coincide with another edge. Takes O(V log V) time, and much less if
-    no two vertices coincide.
+    In a triangle soup (triangles that share no vertices) corners may coincide by chance. A triangle soup has
+    seams only under two conditions. More than half of the soup's faces have a torn edge, and no coincident
+    boundary edges have equal attributes. With TRIANGLE_LIST, all coincident vertices of a triangle soup are
+    merged if more than half of its edges coincide with another edge. The search takes O(V log V) time, and
+    much less if no two vertices coincide.
     """
     if not attributes or not len(faces):
         return None
     rows, set_of = find_coincident_vertices(points)
     if not len(rows):
         return None
-    # place (V,): the first vertex with the same coordinates. double (V,): whether such another vertex exists.
+    # `place` (V,) is the first vertex with equal coordinates. `double` (V,) states whether another vertex has
+    # equal coordinates.
     place = np.arange(len(points))
     place[rows] = rows[set_of]
     double = np.zeros(len(points), bool)
@@ -130,8 +133,8 @@ def _merge_torn_edges(
     place: NDArray[Any],
     double: NDArray[np.bool_],
 ) -> Seams | None:
-    """Return the seams between vertices with different attributes; see `find_seams`."""
-    # Only faces with a duplicated vertex can have a torn edge; faces with a repeated index have no edges.
+    """Return the seams between vertices with different attributes, as defined at `find_seams`."""
+    # Only faces with a duplicated vertex can have a torn edge. Faces with a repeated index have no edges.
     a, b, c = faces.T
     near = np.flatnonzero(double[a] | double[b] | double[c])
     near = near[~names_vertex_twice(faces[near])]
@@ -149,7 +152,7 @@ def _merge_torn_edges(
     # Each connected group of vertex pairs becomes one vertex: the lowest row of the group.
     ends, node = np.unique(torn.pairs.reshape(-1), return_inverse=True)
     _, label = label_components(len(ends), *node.reshape(-1, 2).T)
-    # `ends` are sorted, so the first entry of each label is its lowest row
+    # The first entry of each label is its lowest row, because `ends` are sorted.
     _, lowest = np.unique(label, return_index=True)
     labels = np.arange(len(points))
     labels[ends] = ends[lowest][label]
@@ -158,7 +161,10 @@ def _merge_torn_edges(
 
 
 def _merge_triangle_list(faces: NDArray[Any], place: NDArray[Any]) -> Seams | None:
-    """Return the exact weld of a soup, or None if at most half of its edges coincide with another edge."""
+    """Return the exact weld of a triangle soup.
+
+    Return None if at most half of its edges coincide with another edge.
+    """
     proper = faces[~names_vertex_twice(faces)]
     if not is_soup(proper):
         return None
@@ -174,7 +180,7 @@ def _merge_triangle_list(faces: NDArray[Any], place: NDArray[Any]) -> Seams | No
 def _number_merged(labels: NDArray[Any], kind: SeamKind, unexplained: bool) -> Seams:
     """Return the seams that merge all vertices with equal labels.
 
-    A label (V,) is the lowest row of the group.
+    A label (V,) is the lowest vertex row of the group.
     """
     is_first = labels == np.arange(len(labels))
     number = (np.cumsum(is_first) - 1)[labels]
@@ -193,12 +199,12 @@ def _spread_to_corners(
 
 @dataclass(frozen=True, eq=False)
 class _TornEdges:
-    """The boundary edges that seams have torn.
+    """The boundary edges that are torn by seams.
 
-    `pairs` (n, 2) are the vertex rows to merge, and `faces` the number of faces with a torn edge.
-    `equal_edges` is true if two coincident boundary edges have equal attributes at both ends. `some_by_key`
-    is true if some torn edges differ only in attributes that are not read (their seam keys). `all_by_key` is
-    true if all of them do.
+    The field `pairs` (n, 2) contains the vertex rows to merge. The field `faces` is the number of faces with
+    a torn edge. The field `equal_edges` is true if two coincident boundary edges have equal attributes at
+    both ends. The field `some_by_key` is true if some torn edges differ only in attributes that are not read
+    (their seam keys). The field `all_by_key` is true if all torn edges differ only in their seam keys.
     """
 
     pairs: NDArray[np.int64]
@@ -215,27 +221,28 @@ def _find_torn_edges(
     double: NDArray[np.bool_],
     corner_values: Mapping[str, NDArray[Any]],
 ) -> _TornEdges:
-    """Find the boundary edges that seams have torn.
+    """Find the boundary edges that are torn by seams.
 
-    `faces` (F, 3) must be all faces with a duplicated vertex and without a repeated index. `place` (V,) is
-    the first vertex with the same coordinates. `double` (V,) tells whether another vertex has the same
-    coordinates. Each array of `corner_values` holds an attribute (3F, k) at the corners of `faces`.
+    The argument `faces` (F, 3) must be all faces with a duplicated vertex and without a repeated index. The
+    argument `place` (V,) is the first vertex with equal coordinates. The argument `double` (V,) tells whether
+    another vertex has equal coordinates. Each array of `corner_values` holds an attribute (3F, k) at the
+    corners of `faces`.
     """
     corners = np.arange(faces.size).reshape(-1, 3)
     ends, ends_at = (
         np.stack([rows, np.roll(rows, -1, axis=1)], axis=-1).reshape(-1, 2) for rows in (faces, corners)
     )
-    # ends, ends_at (3F, 2): vertices and corners at both ends of each half-edge. Keep edges that have a
-    # duplicated vertex and whose ends are at different places.
+    # `ends` and `ends_at` (3F, 2) are the vertices and corners at both ends of each half-edge. Keep edges
+    # with a duplicated vertex whose ends are at different positions.
     start, end = ends.T
     number = np.flatnonzero((double[start] | double[end]) & (place[start] != place[end]))
     ends = ends[number]
-    # Boundary edges: vertex pairs that occur once.
+    # Boundary edges are vertex pairs that occur once.
     low, high = np.minimum(*ends.T), np.maximum(*ends.T)
     _, first, faces_there = np.unique(low * len(place) + high, return_index=True, return_counts=True)
     first = first[faces_there == 1]
     edges, corner = ends[first], ends_at[number[first]]
-    # Order both ends by place, so that coincident edges have matching columns.
+    # Order both ends by position, so that coincident edges have matching columns.
     spot = place[edges]
     swap = (spot[:, 0] > spot[:, 1])[:, None]
     edges, corner, spot = (np.where(swap, rows[:, ::-1], rows) for rows in (edges, corner, spot))
@@ -245,8 +252,8 @@ def _find_torn_edges(
     )
     group = group.reshape(-1)
     other = first[group]
-    # differs (E,): whether the attributes that are read differ. by_key (E,): whether only the seam keys
-    # differ.
+    # `differs` (E,) states whether attributes that are read differ. `by_key` (E,) states whether only the
+    # seam keys differ.
     differs, by_key = np.zeros(len(edges), bool), np.zeros(len(edges), bool)
     for name, values in corner_values.items():
         unequal = (values[corner] != values[corner[other]]).any(axis=(1, 2))
@@ -258,7 +265,7 @@ def _find_torn_edges(
     by_key &= ~differs
     if by_key.any():
         by_key &= ~_find_folds(faces, points, corner // 3, other)
-    # Exclude two edges of the same sliver face, because merging them would fold the face onto itself.
+    # Exclude two edges of a single thin face, because merging them would fold the face onto itself.
     same_face = corner[:, 0] // 3 == corner[other, 0] // 3
     torn = (differs | by_key) & (size[group] == 2) & (np.bincount(group, same_face)[group] < 2)
     equal_edges = bool(((size[group] > 1) & ~differs & ~by_key).any())
@@ -271,11 +278,10 @@ def _find_torn_edges(
 def _find_folds(
     faces: NDArray[np.int64], points: NDArray[Any], face: NDArray[np.int64], other: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
-    """Return the mask (E,) of the edges in a pair whose faces fold onto each other, such as the sides of a
-    sheet.
+    """Return a mask (E,) of the edges whose two faces fold onto each other, such as the two sides of a sheet.
 
-    Both columns of `face` (E, 2) hold the face of each edge. `other` (E,) is the edge that it is compared
-    with.
+    The columns of `face` (E, 2) hold the faces of each edge. The argument `other` (E,) is the edge with which
+    each edge is compared.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         corners = points[faces].astype(np.float64)
@@ -283,7 +289,7 @@ def _find_folds(
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
         opposite = (normals[face[:, 0]] * normals[face[other, 0]]).sum(axis=1) < _FOLDED
-    # Mark both edges of a pair, because the first edge was compared with itself.
+    # Mark both edges of a pair. The first edge of a group was only compared with itself.
     folded = np.zeros(len(face), bool)
     folded[opposite] = folded[other[opposite]] = True
     return folded
@@ -301,17 +307,18 @@ def is_closed(counts: Counts) -> bool:
 
 @dataclass(frozen=True)
 class Merged:
-    """The counts of a mesh after a weld."""
+    """The counts of a mesh after a weld, and the kind of the weld."""
 
     weld: Weld
     counts: Counts
 
 
 def audit_merged(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) -> Merged | None:
-    """Return the counts after the weld that closes an open mesh of at most `MOST_FACES` faces, or None.
+    """Return the counts after the weld that closes an open mesh.
 
-    `findings` describe the mesh as stored. The weld is exact, or if that does not help, of the vertices of
-    boundary edges that differ by rounding. The result is None if no such vertices exist.
+    Return None for more than `MOST_FACES` faces. The argument `findings` describes the mesh as it is stored.
+    An exact weld is tried first. If the exact weld does not close the mesh, vertices of boundary edges that
+    differ by rounding are merged. The result is also None if no vertices differ only by rounding.
     """
     counts = findings.counts
     if not counts.boundary_edges or counts.faces > MOST_FACES:
@@ -327,7 +334,7 @@ def audit_merged(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) 
 
 def _weld_rounded(points: NDArray[Any], faces: NDArray[Any]) -> Merged | None:
     """Return the counts after merging vertices of boundary edges that differ by rounding, or None."""
-    # Boundary edges: vertex pairs that occur once.
+    # Boundary edges are vertex pairs that occur once.
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2).astype(np.int64)
     edges, times = np.unique(ends.min(axis=1) * len(points) + ends.max(axis=1), return_counts=True)
     rim = np.unique(np.divmod(edges[times == 1], len(points)))

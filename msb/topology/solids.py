@@ -11,29 +11,31 @@ from msb.topology.crossings import find_crossing_pairs
 from msb.topology.faces import signed_volumes
 from msb.topology.weld import find_coincident_vertices
 
-# Maximum number of faces for finding crossing faces without a request: about 8 us per face on one core. Long,
-# thin faces take longer, so the number of tested pairs (0.7 us each) is limited as well.
+# Maximum number of faces for which the audit searches crossing faces by default. The search takes about 8 us
+# per face on one core. Long, thin faces take longer, so the number of tested pairs (0.7 us each) has a limit
+# as well.
 MOST_FACES, MOST_PAIRS = 200_000, 1 << 23
-# A body is flat if its volume is below this share of the cubed diagonal of its bounding box, such as a sheet
-# with two sides. A cube has the share 0.19.
+# A body is flat, like a sheet, if its volume is below this share of the cubed diagonal of its bounding box.
+# For comparison, a cube has the share 0.19.
 _FLAT = 1e-9
 
 
 @dataclass(frozen=True)
 class Bodies:
-    """Faults of a closed, manifold and consistently wound mesh that its counts do not show.
+    """Faults of a closed, manifold and consistently wound mesh that the counts do not contain.
 
     Attributes
     ----------
     inside_out : int
-        Number of bodies that are wound inside out. A cavity, which lies inside another body, is not.
+        Number of bodies that are wound inside out. A cavity, which lies inside another body, is not
+        counted.
     flat : int
         Number of bodies without a volume, such as a sheet with two sides.
     touching_vertices : int
         Number of vertices that coincide with a vertex of another body.
     crossing_faces : int or None
-        Number of faces that cross another face; None if this was not checked, because the mesh has more than
-        200,000 faces, or too many pairs of faces with overlapping bounding boxes.
+        Number of faces that cross another face; None if the check was skipped, because the mesh has more
+        than 200,000 faces, or too many pairs of overlapping bounding boxes.
     """
 
     inside_out: int
@@ -43,8 +45,9 @@ class Bodies:
 
 
 def check_bodies(points: NDArray[Any], faces: NDArray[Any], components: int) -> Bodies:
-    """Return the state of the bodies of a closed mesh with finite coordinates and this many components."""
-    # label (F,): the body of each face. A single component is a single body.
+    """Return the state of the bodies of a closed mesh with finite coordinates and the given number of
+    components."""
+    # `label` (F,) is the body of each face. A single component is a single body.
     label = np.zeros(len(faces), np.int64) if components == 1 else label_bodies(faces, len(points))
     touching = 0 if components == 1 else _count_touching(points, faces, label)
     inside_out, flat = find_inside_out(points, faces, label)
@@ -63,7 +66,7 @@ def _count_touching(points: NDArray[Any], faces: NDArray[Any], label: NDArray[An
     rows, group = find_coincident_vertices(points[used])
     if not len(rows):
         return 0
-    # The lowest and the highest body in each place.
+    # The lowest and the highest body number at each position.
     of_row = body[used[rows]]
     lowest, highest = np.full(len(rows), len(faces)), np.full(len(rows), -1)
     np.minimum.at(lowest, group, of_row)
@@ -72,7 +75,7 @@ def _count_touching(points: NDArray[Any], faces: NDArray[Any], label: NDArray[An
 
 
 def label_bodies(faces: NDArray[Any], vertex_count: int) -> NDArray[Any]:
-    """Return the body (F,) of each face: faces that share a vertex, numbered from 0."""
+    """Return the body (F,) of each face, numbered from 0. Faces that share a vertex belong to one body."""
     first, second = (faces[:, [0, 1]].reshape(-1), faces[:, [1, 2]].reshape(-1))
     _, of_vertex = label_components(vertex_count, first, second)
     return np.asarray(np.unique(of_vertex[faces[:, 0]], return_inverse=True)[1].reshape(-1))
@@ -83,13 +86,13 @@ def find_inside_out(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return which closed bodies (n,) are wound inside out, and which are flat.
 
-    `label` (F,) is the body of each face. A body of negative volume inside the bounding box of a larger body
-    of positive volume is a cavity.
+    The argument `label` (F,) is the body of each face. A body of negative volume inside the bounding box of a
+    larger body of positive volume is a cavity.
     """
     if not len(faces):
         return np.zeros(0, bool), np.zeros(0, bool)
     volume = np.bincount(label, signed_volumes(points, faces))
-    # low, high (n, 3): bounding boxes, from the corners in the order of their bodies.
+    # Compute the bounding boxes `low` and `high` (n, 3) from the corners in the order of their bodies.
     order = slice(None) if len(volume) == 1 else np.argsort(label, kind="stable")
     corners = points[faces[order].reshape(-1)].astype(np.float64)
     starts = 3 * (np.cumsum(np.bincount(label)) - np.bincount(label))

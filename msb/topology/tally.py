@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from msb.topology.findings import SAMPLES, Counts, Findings, First, first_of
 
 EDGE_KINDS = ("nonmanifold_edges", "boundary_edges", "inconsistent_winding_edges")
-# Keys of the vertex counts, in the order of audit_types.cl.
+# Keys of the vertex counts in the order of audit_types.cl.
 VERTEX_KINDS = (
     "nonmanifold_vertices",
     "multifan_vertices",
@@ -19,7 +19,10 @@ VERTEX_KINDS = (
 
 
 def tally_dtype(valences: int) -> np.dtype[Any]:
-    """Return the struct `Tally` of audit_types.cl as a dtype; its valence table has `valences` entries."""
+    """Return the struct `Tally` of audit_types.cl as a dtype.
+
+    The valence table of the struct has `valences` entries.
+    """
     edge = [(name, "u8") for name in ("block", "rank", "low", "high")]
     counts = ("max_edge_faces", "rim_links", "shared_vertices", "duplicate_faces")
     return np.dtype(
@@ -37,7 +40,7 @@ def tally_dtype(valences: int) -> np.dtype[Any]:
 
 @dataclass(frozen=True)
 class Totals:
-    """The results of all kernel stages.
+    """The results of all kernel stages of an audit.
 
     Attributes
     ----------
@@ -46,7 +49,7 @@ class Totals:
     improper : (chunks, 1 + SAMPLES) uint32
         For each chunk of faces, the number of repeated-index faces and the first of them.
     strange : (chunks, 2, 1 + SAMPLES) uint32
-        The same for zero-area faces and for faces with a non-finite area.
+        The same values for zero-area faces and for faces with a non-finite area.
     tallies : (workers + 1,) `tally_dtype`
     block_edges : (blocks,) uint64
         Number of edges whose lower vertex is in each block.
@@ -75,7 +78,8 @@ class Totals:
 
 
 def add_up(totals: Totals, timings_ms: dict[str, float], computed_by: str) -> Findings:
-    """Return the findings. They share the dict `timings_ms`, so that the caller can add further stages."""
+    """Return the findings. Findings share the dict `timings_ms`, so that the caller can add further
+    stages."""
     tallies = totals.tallies
     kinds = (*EDGE_KINDS, *VERTEX_KINDS)
     sums = [*tallies["edge_counts"].sum(axis=0), *tallies["vertex_counts"].sum(axis=0)]
@@ -94,7 +98,8 @@ def add_up(totals: Totals, timings_ms: dict[str, float], computed_by: str) -> Fi
         manifold_edges=edges - count_of["boundary_edges"] - count_of["nonmanifold_edges"],
         max_edge_faces=int(tallies["max_edge_faces"].max()),
         boundary_loops=totals.boundary_loops,
-        # A closed loop has as many links as edges, an open chain one fewer.
+        # A closed loop has as many links as edges. In an open chain, the number of links is one below the
+        # number of edges.
         open_boundary_chains=count_of["boundary_edges"] - int(tallies["rim_links"].sum()),
         components=totals.components,
         components_manifold_edges=totals.two_face_components,
@@ -125,7 +130,7 @@ def _collect_first(totals: Totals) -> First:
     tallies, improper, strange = totals.tallies, totals.improper, totals.strange
     first: First = {}
     for kind, name in enumerate(EDGE_KINDS):
-        # Number of an edge = edges of all earlier blocks + its rank in the block.
+        # The number of an edge is its rank in its block, plus the number of edges of all earlier blocks.
         edges = _collect_filled(tallies["edges"][:, kind], tallies["edge_counts"][:, kind])
         before = np.cumsum(totals.block_edges) - totals.block_edges
         numbers = before[edges["block"].astype(np.int64)] + edges["rank"]
@@ -146,7 +151,5 @@ def _collect_first(totals: Totals) -> First:
 
 
 def _collect_filled(rows: NDArray[Any], counts: NDArray[Any]) -> NDArray[Any]:
-    """Return the valid entries of all sample rows: the first counts[i] entries of row i, or all if it has
-    fewer.
-    """
+    """Return the valid entries of all sample rows: at most counts[i] entries of row i."""
     return np.concatenate([row[: int(n)] for row, n in zip(rows, counts, strict=True)])

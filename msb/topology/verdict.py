@@ -1,4 +1,4 @@
-"""The verdict on a mesh: it tells a technical artist which tasks the mesh is usable for, and why."""
+"""The verdict on a mesh tells a technical artist which tasks the mesh is usable for, and why."""
 
 from __future__ import annotations
 
@@ -12,41 +12,43 @@ if TYPE_CHECKING:
 
 Level = Literal["ok", "limited", "bad"]
 
-# Tasks that need a manifold surface: without one, tools reject the mesh or open cracks. The paper also names
-# UV unwrapping and collision ("Mesh Structural Results": Local structure). The tools of these tasks cut and
-# join the mesh themselves; docs/trial.md reports how well this works.
+# Tasks that need a manifold surface. On other meshes, tools reject the mesh or open cracks. The paper also
+# names UV unwrapping and collision ("Mesh Structural Results": Local structure). Tools for these two tasks
+# cut and join the mesh themselves. The page docs/trial.md reports how well this works.
 SOLID_TOOLS = "subdivision, booleans or printing"
-# A tool or a person can repair a mesh up to this share and this number of non-manifold edges or vertices. The
-# level of such a mesh is LIMITED. Above one of the two values the level is BAD. The profile `game` has the
-# same share.
+# A tool or a person can repair a mesh with up to this share and this number of non-manifold edges or
+# vertices. Up to both limits, the level of such a mesh is LIMITED. Above one of the two limits the level of
+# the verdict is BAD. The repair profile `game` uses the same share.
 MANY, MOST = 0.01, 1000
 # The verdict advises merging vertices if a weld removes more than this share of the boundary edges.
 _WORTH_MERGING = 0.5
-# The plan for a mesh with faces that are not finite: every repair drops them, and `close` fills the holes.
+# The repair plan for a mesh with non-finite faces: every repair drops these faces, and `close` fills the
+# holes.
 _DROPPING = "orient,pair,close"
-# The step that removes single triangles, which cannot be parts of a solid; the share of a cap of any size.
+# This repair step removes single triangles, which cannot be parts of a solid. The step allows a cap of any
+# size.
 _NO_STRAYS, _ANY_CAP = "debris:2", 99
-# The sentence calls pieces too small if there are more than FEW_PIECES of them, with fewer than SMALL_PIECE
-# faces on average. The level does not depend on this.
+# Pieces are called too small if there are more than FEW_PIECES pieces with fewer than SMALL_PIECE faces on
+# average. The level of the verdict does not depend on this limit.
 SMALL_PIECE, FEW_PIECES = 10, 10
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """A level with its explanation in words.
+    """The level of a verdict with an explanation in words.
 
     Attributes
     ----------
     level : {"ok", "limited", "bad"}
     sentence : str
-        The tasks that the mesh is usable for and all faults, without a full stop.
+        The tasks that the mesh is usable for, and all faults, without a final full stop.
     reason : str
         The gravest fault in a few words; empty for "ok".
     renders : bool
-        Whether the mesh can be displayed. If not, the sentence mentions nothing else.
+        Whether the mesh can be displayed. If not, the sentence mentions only this fault.
     plan : str
-        The plan of `msb repair` that improves the mesh, or "bake" if only a new surface helps. Empty if
-        nothing is known to help, and for "ok".
+        The plan of `msb repair` that improves the mesh, or "bake" if only a new surface helps. The plan is
+        empty for the level "ok", or if no plan is known to help.
     """
 
     level: Level
@@ -57,7 +59,7 @@ class Verdict:
 
     @property
     def word(self) -> str:
-        """The level in capitals, as it is printed: OK, LIMITED or BAD."""
+        """The level of the verdict in capitals, as printed: OK, LIMITED or BAD."""
         return self.level.upper()
 
     def __str__(self) -> str:
@@ -65,11 +67,11 @@ class Verdict:
 
 
 def judge(audit: Audit) -> Verdict:
-    """Return the verdict on an audited mesh, with all its faults, the gravest first.
+    """Return the verdict on an audited mesh with all its faults, the gravest fault first.
 
-    Any mesh can be displayed in the standard tier if all areas are finite and at least one is positive. The
-    gravest fault decides which tasks the mesh is usable for. Seams are not faults: a mesh with seams is
-    judged as if its seams were merged.
+    Any mesh can be displayed in the standard tier (opaque rendering) if all areas are finite and at least
+    one area is positive. The gravest fault decides which tasks the mesh is usable for. Seams are not
+    faults: a mesh with seams is judged as if its seams were merged.
     """
     counts = audit.counts
     if audit.without_seams is not None:
@@ -87,7 +89,7 @@ def judge(audit: Audit) -> Verdict:
     faults = [(fault, text) for fault in _FAULTS if (text := fault.describe(audit))]
     if not faults:
         return Verdict("ok", f"usable for all tasks: {_describe_sound(audit)}")
-    # The gravest fault decides, but duplicate faces come first if they are its cause.
+    # The gravest fault decides, but duplicate faces are named first if they are the cause of that fault.
     gravest = faults[0][0]
     faults.sort(
         key=lambda pair: not (pair[0].describe is _describe_duplicates and _duplicates_are_cause(audit))
@@ -95,7 +97,7 @@ def judge(audit: Audit) -> Verdict:
     first = faults[0][1]
     *most, last = [text for _, text in faults]
     reasons = f"{', '.join(most)}, and {last}" if most else last
-    # The tasks of an open mesh already include the advice to merge vertices.
+    # For an open mesh, the list of tasks already contains the advice to merge vertices.
     advice = "" if gravest.tasks is _list_tasks_if_open else merged
     sentence = f"displays correctly, but {reasons}; {gravest.tasks(audit)}{advice or _describe_merged(audit)}"
     mild = gravest.level == "bad" and (_is_nearly_manifold(audit) or _is_manifold_once_merged(audit))
@@ -116,7 +118,7 @@ def _describe_seams(audit: Audit) -> str:
 
 
 def _duplicates_are_cause(audit: Audit) -> bool:
-    """Return whether a mesh is manifold, or nearly so, without its duplicate faces."""
+    """Return whether a mesh without its duplicate faces is manifold, or nearly manifold."""
     single = audit.without_duplicates
     return single is not None and 2 * single.nonmanifold_vertices < audit.counts.nonmanifold_vertices
 
@@ -140,7 +142,7 @@ def _is_manifold_once_merged(audit: Audit) -> bool:
 
 
 def is_worth_merging(audit: Audit) -> bool:
-    """Return whether a weld removes most boundary edges and adds no non-manifold ones."""
+    """Return whether a weld removes most boundary edges and adds no non-manifold edges."""
     return audit.merged is not None and helps(audit.merged.counts, audit.counts)
 
 
@@ -155,7 +157,7 @@ def helps(merged: Counts, counts: Counts) -> bool:
 
 
 def _describe_merged(audit: Audit) -> str:
-    """Return the result of merging coincident vertices, if it helps without closing the mesh."""
+    """Return a clause about merging coincident vertices, if merging helps without closing the mesh."""
     if audit.closed_once_merged or not is_worth_merging(audit) or audit.merged is None:
         return ""
     edges, pieces = audit.merged.counts.boundary_edges, audit.merged.counts.components
@@ -164,13 +166,14 @@ def _describe_merged(audit: Audit) -> str:
 
 
 def _name_merged(audit: Audit) -> str:
-    """Return the vertices that the weld of `audit.merged` merges: "coincident vertices" or those nearby."""
+    """Return the vertices that the weld of `audit.merged` merges: "coincident vertices" or nearby
+    vertices."""
     within = "exact" if audit.merged is None else audit.merged.weld
     return "coincident vertices" if within == "exact" else f"vertices within {within:g}"
 
 
 def _choose_plan(audit: Audit) -> str:
-    """Return the plan that improves a mesh which has faults, but is no soup."""
+    """Return the repair plan for a mesh with faults that is not a triangle soup."""
     counts, bodies = audit.counts, audit.bodies
     if is_worth_merging(audit) or audit.closed_once_merged:
         within = "exact" if audit.merged is None else audit.merged.weld
@@ -191,9 +194,9 @@ def _choose_plan(audit: Audit) -> str:
 
 
 def _describe_invisible(audit: Audit) -> str:
-    """Return why the mesh cannot be displayed, or "".
+    """Return why the mesh cannot be displayed, or "" if it can.
 
-    Zero-area faces prevent this only if all faces have zero area.
+    Zero-area faces prevent the display only if all faces have zero area.
     """
     counts = audit.counts
     if counts.faces == counts.repeated_index_faces:
@@ -218,7 +221,7 @@ def _describe_nonfinite(audit: Audit) -> str:
 
 
 def _describe_soup(audit: Audit) -> str:
-    soup = "it is a triangle soup (its triangles share no vertices)"
+    soup = "it is a triangle soup (no two triangles share a vertex)"
     if audit.corners_coincide is False and (audit.welded is None or audit.welded.weld == "exact"):
         alone = "no two corners coincide, so neither merging vertices nor a repair can make it a surface"
         tasks = "not usable for subdivision, booleans, printing, collision or UV unwrapping"
@@ -234,7 +237,7 @@ def _describe_nonmanifold(audit: Audit) -> str:
     edges = f"{percent(counts.nonmanifold_edges, counts.edges)} of the edges and "
     vertices = f"{percent(counts.nonmanifold_vertices, counts.vertices)} of the vertices are non-manifold"
     places = ""
-    if counts.nonmanifold_vertices <= 3:  # the audit samples three of each kind
+    if counts.nonmanifold_vertices <= 3:  # the audit lists three samples of each kind
         names = " and ".join(_locate(sample) for sample in audit.samples.get("nonmanifold_vertices", ()))
         places = f" ({'vertex' if counts.nonmanifold_vertices == 1 else 'vertices'} {names})"
     return f"{edges if counts.nonmanifold_edges else ''}{vertices}{places}"
@@ -257,7 +260,7 @@ def _describe_open(audit: Audit) -> str:
     if not counts.boundary_edges:
         return ""
     edges = f"{counts.boundary_edges:,} boundary edge{'' if counts.boundary_edges == 1 else 's'}"
-    if counts.nonmanifold_vertices:  # if borders cross, the number of loops is ambiguous
+    if counts.nonmanifold_vertices:  # if boundary loops cross, their number is ambiguous
         return f"it is open ({edges})"
     loops = "1 loop" if counts.boundary_loops == 1 else f"{counts.boundary_loops:,} loops"
     return f"it is open ({edges} in {loops})"
@@ -278,7 +281,7 @@ def _list_tasks_if_open(audit: Audit) -> str:
 
 
 def _describe_pieces(audit: Audit) -> str:
-    """Return the number of pieces as a fault. Separate bodies of a closed mesh are not a fault."""
+    """Return the number of pieces as a fault. Separate bodies of a closed mesh do not count as a fault."""
     counts = audit.counts
     if counts.components < 2 or not (counts.boundary_edges or counts.nonmanifold_vertices):
         return ""
@@ -308,10 +311,11 @@ def _describe_flips(audit: Audit) -> str:
 
 @dataclass(frozen=True)
 class _Fault:
-    """A kind of fault.
+    """A kind of fault in a mesh.
 
-    `describe` returns a clause with the extent of the fault, or "" for a mesh without it. `tasks` returns a
-    clause with the tasks that the mesh is usable for if this is its gravest fault.
+    The field `describe` is a function. The function returns a clause with the extent of the fault, or "" for
+    a mesh without this fault. The field `tasks` is a function. The function returns a clause with the tasks
+    that the mesh is usable for if this fault is the gravest.
     """
 
     level: Level
@@ -324,7 +328,7 @@ def _describe_inside_out(audit: Audit) -> str:
     if bodies is None or not bodies.inside_out:
         return ""
     if bodies.inside_out == audit.counts.components:
-        return "it is wound inside out, as a room seen from inside is"
+        return "it is wound inside out, like the walls of a room"
     return f"{bodies.inside_out:,} of its {audit.counts.components:,} bodies are wound inside out"
 
 
@@ -355,7 +359,7 @@ def _list_tasks_if_crossing(_: Audit) -> str:
     return "usable for subdivision and UV unwrapping; unreliable for booleans, printing and collision"
 
 
-# The gravest fault comes first.
+# The gravest fault is first in this table.
 _FAULTS = (
     _Fault("bad", _describe_nonmanifold, _list_tasks_if_nonmanifold),
     _Fault("limited", _describe_nonfinite, lambda _: "many tools reject it; delete these faces first"),
@@ -394,7 +398,7 @@ def _describe_sound(audit: Audit) -> str:
 
 
 def percent(part: int, whole: int) -> str:
-    """Return a share as a percentage; only exactly 0 and 1 are printed as "0 %" and "100 %"."""
+    """Return a share as a percentage. Only the values 0 and 1 are printed as "0 %" and "100 %"."""
     if whole == 0:
         return "-"
     if part == 0:
@@ -408,7 +412,10 @@ def percent(part: int, whole: int) -> str:
 
 
 def _describe_welded(audit: Audit) -> str:
-    """Return the result of the requested weld, or of the exact weld if it closes the mesh."""
+    """Return the result of the requested weld.
+
+    Without a request, return the exact weld if this weld closes the mesh.
+    """
     if audit.welded is None:
         return "; closed once coincident vertices are merged" if audit.closed_once_merged else ""
     counts = audit.welded.counts

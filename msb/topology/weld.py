@@ -1,6 +1,6 @@
 """Merge coincident vertices.
 
-This is the optional weld of the audit, which reports the result of the weld separately.
+This weld is optional in the audit, which reports its result separately.
 """
 
 import math
@@ -15,8 +15,8 @@ from msb.topology.components import label_components
 
 Weld = Literal["exact"] | float
 
-# Maximum number of vertex pairs within the weld distance; their indices take 1 GiB. A typical weld has one
-# pair per vertex.
+# Maximum number of vertex pairs within the weld distance. The indices of this many pairs take 1 GiB. In a
+# typical weld, the number of pairs is the number of vertices.
 MAX_PAIRS = 1 << 26
 
 
@@ -25,7 +25,7 @@ def parse_weld(text: str | float) -> Weld:
     if text == "exact":
         return "exact"
     try:
-        # A bool is a number in Python, but never a meaningful length.
+        # A bool is rejected, although it is a number in Python.
         distance = math.nan if isinstance(text, bool | np.bool_) else float(text)
     except (ValueError, TypeError, OverflowError):
         distance = math.nan
@@ -37,12 +37,12 @@ def parse_weld(text: str | float) -> Weld:
 def weld_vertices(
     vertices: NDArray[Any], faces: NDArray[Any], weld: Weld
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return vertices (W, 3) and faces (F, 3) after merging coincident vertices; all face rows are kept.
+    """Return vertices (W, 3) and faces (F, 3) after merging coincident vertices. All face rows are kept.
 
-    "exact" merges vertices with equal stored coordinates: float32, relative to the origin that an asset of
-    the mesh has (`msb.base.origin`). -0 equals +0, NaN equals nothing. A length merges vertices that are
-    connected by a chain of steps of at most this length. The result therefore does not depend on the order of
-    the vertices. The first vertex of each merged set is kept. The order of the vertices does not change.
+    "exact" merges vertices with equal stored coordinates: float32, relative to the origin of the mesh
+    (`msb.base.origin`). -0 equals +0, NaN equals nothing. A length merges vertices that are connected by a
+    chain of steps of at most this length. The result of a merge by length therefore does not depend on the
+    order of the vertices. The first vertex of each merged set is kept. The kept vertices stay in order.
     Faces that collapse become repeated-index rows.
     """
     first, number = merge_coincident(vertices, weld)
@@ -52,7 +52,7 @@ def weld_vertices(
 def merge_coincident(vertices: NDArray[Any], weld: Weld) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return the first vertex (W,) of each merged set, and the number (V,) of the set of each vertex.
 
-    Sets are ordered by their first vertices.
+    Sets are ordered by their first vertex.
     """
     if len(vertices) == 0:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
@@ -64,11 +64,12 @@ def merge_coincident(vertices: NDArray[Any], weld: Weld) -> tuple[NDArray[Any], 
 def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
     """Return whether an exact weld would join any two faces of a triangle soup.
 
-    Hashes positions to 32 bits, sorts the hashes, and compares only positions with a repeated hash.
+    The function hashes positions to 32 bits, sorts the hashes, and compares only positions with a repeated
+    hash.
     """
     bits, corners = _to_stored(vertices).view(np.uint32), faces.reshape(-1)
     hashes, repeated = _hash_rows(bits, corners)
-    start, count = 0, 64  # the first few hashes usually suffice if corners coincide
+    start, count = 0, 64  # The first few hashes usually suffice to find coincident corners.
     while start < len(repeated):
         bucket = np.zeros(1 << 20, bool)
         # Preselect corners by the upper 20 bits of their hash, then compare coordinates and faces.
@@ -76,7 +77,7 @@ def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
         corner = np.flatnonzero(bucket[hashes >> 12])
         rows = np.column_stack([bits[corners[corner]], corner // 3])
         rows = rows[~np.isnan(rows[:, :3].astype(np.uint32).view(np.float32)).any(axis=1)]
-        rows = np.unique(rows, axis=0)  # coincident corners of one face join nothing
+        rows = np.unique(rows, axis=0)  # Coincident corners of a single face join no faces.
         if (rows[1:, :3] == rows[:-1, :3]).all(axis=1).any():
             return True
         start, count = start + count, count << 8
@@ -84,13 +85,14 @@ def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
 
 
 def find_coincident_vertices(vertices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the vertices (n,), ascending, that share their coordinates with others, and their groups (n,).
+    """Return the vertices (n,) that share their coordinates with other vertices, in ascending order.
 
-    A group is numbered by the position of its lowest vertex in the first array.
+    Also return the group (n,) of each vertex. The number of a group is the position of its lowest vertex in
+    the first array.
     """
     points = _to_stored(vertices)
     hashes, repeated = _hash_rows(points.view(np.uint32))
-    bucket = np.zeros(1 << 20, bool)  # this filter rejects most rows of typical meshes
+    bucket = np.zeros(1 << 20, bool)  # This filter rejects most rows of typical meshes.
     bucket[repeated >> 12] = True
     rows = np.flatnonzero(bucket[hashes >> 12])
     rows = rows[np.isin(hashes[rows], repeated)]
@@ -102,7 +104,7 @@ def find_coincident_vertices(vertices: NDArray[Any]) -> tuple[NDArray[Any], NDAr
 def _hash_rows(
     bits: NDArray[np.uint32], order: NDArray[Any] | None = None
 ) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
-    """Return a hash of each row of `bits` (V, 3), and the hashes that occur repeatedly.
+    """Return a hash of each row of `bits` (V, 3), and the hashes that occur more than once.
 
     `order` selects rows.
     """
@@ -110,14 +112,14 @@ def _hash_rows(
     for axis in range(3):
         hashes += bits[:, axis]
         hashes *= np.uint32(0x9E3779B1)
-        hashes ^= hashes >> 15  # mix signs into all bits, otherwise mirrored points get equal hashes
+        hashes ^= hashes >> 15  # Mix the signs into all bits, so that mirrored points get different hashes.
     hashes = hashes if order is None else hashes[order]
     ordered = np.sort(hashes)
     return hashes, ordered[1:][ordered[1:] == ordered[:-1]]
 
 
 def _label_exact(points: NDArray[np.float32]) -> NDArray[Any]:
-    """Return for each of the `_to_stored` points (V, 3) the lowest vertex with the same coordinates."""
+    """For each of the points (V, 3) from `_to_stored`, return the lowest vertex with equal coordinates."""
     bits = points.view(np.uint32)
     order = np.lexsort(bits.T[::-1])
     rows = bits[order]
@@ -125,21 +127,24 @@ def _label_exact(points: NDArray[np.float32]) -> NDArray[Any]:
     differs[1:] = (rows[1:] != rows[:-1]).any(axis=1)
     differs |= np.isnan(points[order]).any(axis=1)
     labels = np.zeros(len(rows), np.int64)
-    # The sort is stable, so the first row of each run is its lowest vertex.
+    # The sort is stable, so the first row of each run is the lowest vertex.
     labels[order] = order[np.flatnonzero(differs)][np.cumsum(differs) - 1]
     return labels
 
 
 def _to_stored(vertices: NDArray[Any]) -> NDArray[np.float32]:
-    """Return the vertices (V, 3) as an asset stores them, so that a mesh gives the same result as its asset.
+    """Return the vertices (V, 3) as a `.triasset` file stores them.
 
-    They are float32 relative to their origin, with +0 for -0, so that equal values have equal bits.
+    A mesh and its asset then have the same result. The vertices are float32 relative to their origin, with +0
+    in place of -0. Therefore equal values have equal bits.
     """
     return np.ascontiguousarray(to_local(vertices, find_origin(vertices)) + np.float32(0.0))
 
 
 def _label_near(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
-    """Return for each vertex (V,) the lowest vertex that a chain of steps up to `distance` connects to it."""
+    """For each vertex (V,), return the lowest vertex that a chain of steps up to `distance` connects to this
+    vertex.
+    """
     from scipy.spatial import cKDTree
 
     with np.errstate(over="ignore"):
@@ -150,10 +155,10 @@ def _label_near(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
         return labels
     # Merge coincident vertices first, because n coincident vertices would add n^2 / 2 pairs.
     points, group = np.unique(places[finite], axis=0, return_inverse=True)
-    # The tree squares distances. Scale coordinates to at most 2. The factor is a power of two, which causes
-    # no rounding.
+    # The search tree squares distances, which must not overflow. Scale coordinates to at most 2. The scale
+    # factor is a power of two, so scaling causes no rounding.
     scale = 2.0 ** (math.frexp(float(np.abs(points).max()))[1] - 1)
-    reach = min(distance / scale, 8.0)  # longer than any scaled distance
+    reach = min(distance / scale, 8.0)  # The value 8 exceeds every scaled distance.
     tree = cKDTree(points / scale)
     pairs = (int(tree.count_neighbors(tree, reach)) - len(points)) // 2
     if pairs > MAX_PAIRS:

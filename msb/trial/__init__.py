@@ -1,6 +1,6 @@
 """Try typical tasks of artists on a mesh.
 
-A library that artists' tools use runs each task, in a child process.
+Each task runs a library that artists' tools use, in a child process.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Run the attempts of a task in child processes, so that a hang or a crash affects only that attempt.
+"""Run the attempts at a task in child processes, so that a hang or a crash affects only one attempt.
 
-Libraries have absolute limits, in the unit of the coordinates: xatlas drops faces smaller than 1e-7, and
-fast-simplification cannot resolve errors below 1e-6. Therefore a mesh is centred, and scaled to a median face
-area of 1. Scaling the bounding box to size 1 does not work: with a single distant face, most faces would be
-too small.
+Libraries have absolute limits in the unit of the coordinates. For example, xatlas drops faces smaller than
+1e-7, and fast-simplification cannot resolve errors below 1e-6. Therefore a mesh is moved to its centre, and
+scaled to a median face area of 1. If a single face is far away, scaling the bounding box to size 1 would make
+most faces too small.
 """
 
 from __future__ import annotations
@@ -27,7 +27,10 @@ from msb.trial.task import Attempt, AttemptResult, Output, Task
 def run_attempt(
     task: Task, attempt: Attempt, mesh: TrialMesh, arrays: Mapping[str, NDArray[Any]], limits: Limits
 ) -> AttemptResult:
-    """Run an attempt at a task and return its result. `arrays` are the result of `Task.prepare`."""
+    """Run an attempt at a task and return its result.
+
+    The argument `arrays` contains the result of `Task.prepare`.
+    """
     unit = Unit(1.0, np.zeros(3)) if attempt.any_unit else Unit.of(mesh)
     inputs = _pack({"mesh": unit.to_unit(mesh)}, unit.arrays_to_unit(arrays))
     reply = run_in_child(work, f"{task.name} {attempt.library}", inputs, limits)
@@ -45,7 +48,7 @@ def run_attempt(
 
 
 def work(word: str, arrays: Mapping[str, NDArray[Any]]) -> tuple[Any, dict[str, NDArray[Any]]]:
-    """Run the attempt "TASK LIBRARY". This runs in the child process."""
+    """Run the attempt "TASK LIBRARY". The attempt runs in the child process."""
     name, library = word.split()
     task = TASKS[name]
     attempt = next(entry for entry in (*task.attempts, *task.fallbacks) if entry.library == library)
@@ -63,7 +66,7 @@ def _pack(meshes: Mapping[str, TrialMesh], arrays: Mapping[str, NDArray[Any]]) -
 def _unpack(
     arrays: Mapping[str, NDArray[Any]],
 ) -> tuple[dict[str, TrialMesh], dict[str, NDArray[Any]]]:
-    """Return the meshes and the other arrays that `_pack` has stored."""
+    """Return the meshes and the other arrays that `_pack` stored."""
     parts: dict[str, dict[str, NDArray[Any]]] = {}
     further: dict[str, NDArray[Any]] = {}
     for name, array in arrays.items():
@@ -77,14 +80,14 @@ def _unpack(
 
 @dataclass(frozen=True, eq=False)
 class Unit:
-    """A coordinate system for libraries: a unit of length and an origin (3,), in the asset's coordinates."""
+    """A coordinate system for libraries: a unit of length and an origin (3,) in the asset's coordinates."""
 
     length: float
     origin: NDArray[np.float64]
 
     @classmethod
     def of(cls, mesh: TrialMesh) -> Unit:
-        """Return the unit for `mesh`: the side of a square with the area of the median face."""
+        """Return the unit for `mesh`: the side of a square with the median face area."""
         areas = face_areas(mesh.vertices, mesh.faces)[0]
         areas = areas[areas > 0]
         length = float(np.sqrt(np.median(areas))) if len(areas) else mesh.diagonal
@@ -94,17 +97,18 @@ class Unit:
         return cls(length or 1.0, np.median(used, axis=0) if len(used) else np.zeros(3))
 
     def to_unit(self, mesh: TrialMesh) -> TrialMesh:
-        """Return `mesh` in this unit, with float64 vertices."""
+        """Return `mesh` in this coordinate system, with float64 vertices."""
         return replace(mesh, vertices=self._scale(mesh.vertices))
 
     def arrays_to_unit(self, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-        """Return the arrays with points converted to this unit."""
+        """Return the arrays with all points converted to this coordinate system."""
         return {name: self._scale(rows) if _are_points(rows) else rows for name, rows in arrays.items()}
 
     def from_unit(self, output: Output, powers: Mapping[str, int]) -> Output:
-        """Convert an output from this unit to the asset's coordinates.
+        """Convert an output from this coordinate system to the asset's coordinates.
 
-        `powers` gives the dimension of each number: 1 for a length, 2 for an area, 3 for a volume.
+        The argument `powers` has the dimension of numbers: 1 for lengths, 2 for areas, and 3 for volumes.
+        Numbers without an entry stay unchanged.
         """
         numbers = {
             name: value * self.length ** powers[name] if name in powers and value is not None else value

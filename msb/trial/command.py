@@ -1,4 +1,4 @@
-"""`msb trial`: try typical tasks of artists on a mesh, and print the results."""
+"""`msb trial` tries typical tasks of artists on a mesh, and prints the results."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from msb.trial.run import Trial, Trials
     from msb.trial.task import Outcome
 
-# Outcome -> its text in the table, and the colour.
+# Maps outcomes to their text and colour in the table.
 _WORDS: dict[Outcome, tuple[str, str]] = {
     "works": ("works", "green"),
     "care": ("with limitations", "yellow"),
     "fails": ("FAILS", "red"),
     "not_run": ("not run", "dim"),
 }
-# The outcomes that --fail-on reports, with their texts.
+# The outcomes that --fail-on reports, with their texts in the message.
 _FAILING: dict[Outcome, str] = {"fails": "fails", "not_run": "is not run"}
 
 
@@ -37,8 +37,8 @@ class TrialOptions:
     tasks: Annotated[
         tuple[str, ...],
         Option(
-            "uv, decimate, subdivide, boolean, collision, solid or intersections. May be repeated. "
-            "Default: all.",
+            "The task: uv, decimate, subdivide, boolean, collision, solid or intersections. May be "
+            "repeated. Default: all.",
             ("--task",),
             metavar="TASK",
         ),
@@ -84,10 +84,10 @@ def trial(
 ) -> int:
     """Try typical tasks of artists: unwrap, decimate, subdivide, cut, make a collision shape, print.
 
-    Each task runs the libraries that artists' tools use, in a child process with time and memory limits. It
-    uses the mesh as stored; options weld or repair it first. The appearance of results is judged in the views
-    of --cameras. Without this option, the training views are used if the model stores them, and generated
-    views otherwise.
+    Each task runs libraries that artists' tools use, in a child process with time and memory limits. The
+    tasks use the mesh as stored. Options can merge the vertices of the mesh or repair the mesh first. Results
+    are rendered and compared in the views of --cameras. By default, --cameras are the training views if the
+    model stores them, else generated views.
     """
     from msb.api.command_files import for_each
     from msb.trial.run import SCHEMA
@@ -101,7 +101,7 @@ def trial(
 
 
 class _Run:
-    """One run of the command. The options are validated before any mesh is read."""
+    """One run of the command `msb trial`. The options are validated before any mesh is read."""
 
     def __init__(
         self,
@@ -118,7 +118,10 @@ class _Run:
         gated = {task.name for task in select_tasks(options.fail_on)} if options.fail_on else set()
         tasks = select_tasks(options.tasks)
         if missing := gated - {task.name for task in tasks}:
-            raise UsageError("USAGE", f"--fail-on {min(missing)} needs the same task in --task")
+            raise UsageError(
+                "USAGE",
+                f"--fail-on {min(missing)} has no effect without the same task in --task; add the task there",
+            )
         check_libraries(tasks)
         self.output, self.save, self.gated = output, options.save, gated
         self.tasks = [task.name for task in tasks]
@@ -136,13 +139,13 @@ class _Run:
         }
         if options.save is not None:
             output.check_folder(options.save)
-        drawing.check_device()  # without a device, tasks that need no renderings are still tried
+        drawing.check_device()  # without a device, only tasks without renderings are tried
         if not limits.limits_memory:
             output.note("warning: --memory has no effect on this system; only --seconds limits the libraries")
         self.printed = False
 
     def try_path(self, path: Path, _alone: bool) -> tuple[dict[str, Any], int]:
-        """Try the tasks on the asset at `path`; return the JSON data and the exit status."""
+        """Try the tasks on the asset at `path`. Return the JSON data and the exit status."""
         from msb.api.command_files import open_asset
         from msb.base.own_folder import own_folder
         from msb.trial.run import try_asset
@@ -163,7 +166,7 @@ class _Run:
                     self.output.note(f"{trial.task}: {word}, {trial.seconds:.1f} s", level=1)
 
                 result = try_asset(asset, self.tasks, **self.arguments, keep=keep, watch=watch)
-        except MsbError as error:  # the results took minutes: print them even if they cannot be saved
+        except MsbError as error:  # Print the results, because the tasks took minutes.
             if result is None:
                 raise
             self.output.reword(error)
@@ -180,9 +183,9 @@ class _Run:
 
         seen_by = result.cameras
         if "no_pictures" in seen_by:
-            self.output.note(f"{seen_by['no_pictures']}; the appearance of results is not judged")
+            self.output.note(f"{seen_by['no_pictures']}; renderings of the results are not compared")
         elif "see_nothing" in seen_by:
-            text = f"{seen_by['see_nothing']} of the views do not see the mesh and are ignored"
+            text = f"{seen_by['see_nothing']} of the views do not show the mesh and are ignored"
             self.output.note(text)
         if not self.output.prints_text:
             return

@@ -1,4 +1,4 @@
-"""The mesh that tasks are tried on: arrays with vertex colours."""
+"""The mesh that tasks are tried on, as arrays with vertex colours."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from msb.topology.weld import Weld, weld_vertices
 class TrialMesh:
     """A triangle mesh with vertex colours (V, 3) in [0, 1] and optional texture coordinates (V, 2).
 
-    Vertices (V, 3) are float32, or float64 for libraries. The indices in `faces` (F, 3) are all valid.
+    Vertices (V, 3) are float32, or float64 for libraries. All indices in `faces` (F, 3) are valid.
     """
 
     vertices: NDArray[np.floating[Any]]
@@ -44,13 +44,13 @@ class TrialMesh:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """The verdict of the audit. Vertices that are split at UV seams count as merged."""
+        """The audit's verdict on the mesh. Vertices that are split at UV seams are merged first."""
         attributes = {} if self.uv is None else {"uv": self.uv}
         return judge(audit_arrays(self.vertices, self.faces, attributes=attributes, check_crossings=False)[0])
 
     @property
     def sha256(self) -> str:
-        """The SHA-256 of the coordinates (little-endian float32) and the faces (little-endian int64)."""
+        """The SHA-256 hash of the coordinates (little-endian float32) and the faces (little-endian int64)."""
         digest = hashlib.sha256(self.vertices.astype("<f4").tobytes())
         digest.update(self.faces.astype("<i8").tobytes())
         return digest.hexdigest()
@@ -62,22 +62,23 @@ class TrialMesh:
     def unshared(self, colors: NDArray[np.float32]) -> TrialMesh:
         """Return a triangle soup with three vertices per face.
 
-        `colors` (3F, 3) are the colours of its vertices.
+        The argument `colors` (3F, 3) contains the vertex colours of the soup.
         """
         corners = self.faces.reshape(-1)
         faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
         return TrialMesh(self.vertices[corners], faces, colors)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays by name."""
+        """Return the arrays of the mesh by name."""
         arrays = {"vertices": self.vertices, "faces": self.faces, "colors": self.colors}
         return arrays if self.uv is None else {**arrays, "uv": self.uv}
 
     @classmethod
     def of(cls, name: str, arrays: Mapping[str, NDArray[Any]]) -> TrialMesh:
-        """Check the types and shapes of arrays that a library returned, and return them as a mesh.
+        """Check the types and shapes of arrays from a library, and return them as a mesh.
 
-        Raise ValueError if they are invalid. `name` is the name of the mesh in the message.
+        Raise ValueError if the arrays are invalid. The argument `name` is the name of the mesh in the error
+        message.
         """
         checked: dict[str, Any] = {}
         for key, width, kind in (
@@ -103,12 +104,11 @@ class TrialMesh:
 
 
 def prepare_mesh(asset: Asset, weld: Weld | None = None) -> TrialMesh:
-    """Return the mesh of `asset` for trials: seams are merged, and faces below the STE threshold removed.
+    """Return the mesh of `asset` for trials, with merged seams and without faces below the STE threshold.
 
-    Its coordinates are float32 relative to the origin of the asset.
-    Face and corner colours are averaged at each vertex, so that no vertex needs to be split. A mesh without
-    colours is white. Vertices are merged at seams and by `weld`. A merged vertex gets the average of the
-    colours.
+    The coordinates are float32, relative to the origin of the asset. Face and corner colours are averaged at
+    each vertex, so that no vertex needs to be split. A mesh without colours is white. Vertices are merged at
+    seams and by `weld`. A merged vertex gets the average of the old colours.
     """
     check_drawable(asset, ("positions", "color", "f_dc"))
     vertices = np.asarray(asset.buffers["positions"], np.float32)
@@ -116,7 +116,7 @@ def prepare_mesh(asset: Asset, weld: Weld | None = None) -> TrialMesh:
     colors = _average_colors(asset, faces)
     visible = visible_faces(asset, stored_threshold(asset))
     seams = find_seams(vertices, faces, stored_mesh(asset).attributes)
-    # Merge vertices at seams, then coincident ones.
+    # Merge vertices at seams, then coincident vertices.
     corners = faces if visible is None else faces[visible]
     merged, faces = vertices, corners
     if seams is not None:
@@ -125,13 +125,13 @@ def prepare_mesh(asset: Asset, weld: Weld | None = None) -> TrialMesh:
         with about(asset.path):
             merged, faces = weld_vertices(merged, faces, weld)
     if merged is not vertices:
-        # Average the colours over the corners of each merged vertex. Unused vertices do not matter.
+        # Average the colours over the corners of each merged vertex. Unused vertices have no influence.
         colors = _average_groups(faces.reshape(-1), colors[corners.reshape(-1)], len(merged))
     return TrialMesh(merged, faces, colors)
 
 
 def _average_colors(asset: Asset, faces: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Return the colours (V, 3) of the vertices; face and corner colours are averaged."""
+    """Return the colours (V, 3) of the vertices. Face and corner colours are averaged."""
     stored = colors_of(asset)
     if stored is None:
         return np.ones((asset.manifest.vertex_count, 3), np.float32)
@@ -143,7 +143,10 @@ def _average_colors(asset: Asset, faces: NDArray[np.int64]) -> NDArray[np.float3
 
 
 def _average_groups(group: NDArray[np.int64], values: NDArray[np.float32], count: int) -> NDArray[np.float32]:
-    """Return the average (`count`, 3) of the values (n, 3) of each group (n,); white for empty groups."""
+    """Return the average value (`count`, 3) of each group.
+
+    Row i of `values` (n, 3) is in group[i]. An empty group is white.
+    """
     size = np.bincount(group, minlength=count)
     sums = np.stack([np.bincount(group, values[:, k], count) for k in range(3)], axis=1)
     averages = sums / np.maximum(size, 1)[:, None]

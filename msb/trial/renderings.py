@@ -1,4 +1,4 @@
-"""Standard-tier renderings of the tried mesh and of results, and their comparison."""
+"""Standard-tier renderings of the original mesh and of results, and their comparison."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ if TYPE_CHECKING:
     from msb.render import Frame
     from msb.views import ChosenViews
 
-# Background colour: grey contrasts with dark and with bright surfaces.
+# Background colour: grey contrasts with both dark and bright surfaces.
 BACKGROUND = (0.5, 0.5, 0.5)
-# Width of the images that are saved, in pixels.
+# Width of the saved images in pixels.
 PICTURE_WIDTH = 480
-# Brightness of faces seen edge-on in saved images, relative to faces towards the camera.
+# Brightness of faces that are viewed edge-on in saved images, relative to faces that face the camera.
 _DARKEST = 0.4
 
 
 class Renderings:
-    """Renderings of the original mesh by all cameras, and comparisons of results with them.
+    """Renderings of the original mesh by all cameras, and comparisons of results with these renderings.
 
-    Nothing can be judged without an OpenCL device, if no camera sees the mesh, or if the mesh covers too few
-    pixels. Then `why_not` is the reason, and all methods return None or nothing. `blind_cameras` is the
-    number of cameras that do not see the mesh and are ignored.
+    Results cannot be compared without an OpenCL device, if no camera sees the mesh, or if the mesh covers too
+    few pixels. In these cases, `why_not` is the reason, and all methods return None or an empty result. The
+    field `blind_cameras` is the number of cameras that do not see the mesh and are ignored.
     """
 
     def __init__(self, mesh: TrialMesh, views: ChosenViews, device: str | None = None) -> None:
@@ -46,10 +46,10 @@ class Renderings:
         self.blind_cameras = 0
 
     def psnr(self, mesh: TrialMesh) -> dict[str, Any]:
-        """Compare renderings of `mesh` with the renderings of the original.
+        """Compare renderings of `mesh` with renderings of the original mesh.
 
-        "psnr" is the average PSNR over the cameras in dB, or None without renderings. Equal images count as
-        100 dB. "same_pictures" is true if all images are equal.
+        The value "psnr" is the average PSNR over the cameras in dB, or None without renderings. Equal images
+        have a PSNR of 100 dB. The value "same_pictures" is true if all images are equal.
         """
         original = [image for image, _ in self._originals]
         if not original:
@@ -63,15 +63,15 @@ class Renderings:
         depths = [depth for _, depth in self._originals]
         if not depths:
             return None
-        # Take every `step`-th covered pixel, counted over all images. `skip` is the number of covered pixels
-        # before the first sample of an image.
+        # Select every `step`-th covered pixel, counted over all images. The variable `skip` is the number of
+        # covered pixels before the first sample of an image.
         step = max(1, sum(int(np.count_nonzero(depth)) for depth in depths) // count)
         parts: list[NDArray[np.float64]] = []
         skip = 0
         for camera, depth in zip(self.cameras, depths, strict=True):
             pixels = np.flatnonzero(depth)[skip::step]
             skip = (skip - int(np.count_nonzero(depth))) % step
-            # Unproject the pixel centres with their depth to world coordinates.
+            # Unproject the pixel centres and their depths to world coordinates.
             row, column = np.divmod(pixels, camera.width)
             z = depth.reshape(-1)[pixels].astype(np.float64)
             x = (column + 0.5 - camera.cx) / camera.fx * z
@@ -81,11 +81,11 @@ class Renderings:
         return np.concatenate(parts)
 
     def empty_share(self, points: NDArray[np.float64], tolerance: float) -> float | None:
-        """Return the fraction of `points` (n, 3) that lie in empty space according to at least one camera.
+        """Return the fraction of `points` (n, 3) that lie in empty space for at least one camera.
 
-        For a camera, a point lies in empty space if its pixel shows the background, or if the point is more
-        than `tolerance` in front of the visible surface. Points outside all images are ignored. The result is
-        None if no point is in an image.
+        A camera sees empty space at a point if the point's pixel shows the background. A camera also sees
+        empty space if the point is more than `tolerance` in front of the visible surface. Points outside all
+        images are ignored. The fraction is None if no point is in an image.
         """
         depths = [depth for _, depth in self._originals]
         if not depths:
@@ -93,7 +93,7 @@ class Renderings:
         in_image = np.zeros(len(points), bool)
         is_empty = np.zeros(len(points), bool)
         for camera, depth in zip(self.cameras, depths, strict=True):
-            # Project the points, and compare their depth with the surface at their pixel.
+            # Project the points, and compare their depths with the surface depths at their pixels.
             pixels, z = camera.project(points)
             with np.errstate(invalid="ignore"):
                 column, row = np.floor(pixels).T
@@ -106,9 +106,10 @@ class Renderings:
         return float(np.count_nonzero(is_empty) / np.count_nonzero(in_image)) if in_image.any() else None
 
     def picture(self, mesh: TrialMesh, camera: Camera | None = None) -> NDArray[np.uint8] | None:
-        """Return a small image (H, W, 3) of `mesh`; None without a device or faces.
+        """Return a small image (H, W, 3) of `mesh`. Return None without a device or without faces.
 
-        It is rendered from `camera`. The default is the first camera, with faces shaded by their angle to it.
+        The camera `camera` renders the image. The default is the first camera, with faces shaded by their
+        angle to the camera.
         """
         if not len(mesh.faces) or (camera is None and not self.cameras):
             return None
@@ -122,9 +123,9 @@ class Renderings:
 
     @cached_property
     def _originals(self) -> list[tuple[NDArray[np.uint8], NDArray[np.float32]]]:
-        """The image and depth of the original mesh for each camera that sees it.
+        """The images and depths of the original mesh, for each camera that sees the mesh.
 
-        Computing it removes all other cameras from `cameras`.
+        This property removes all other cameras from `cameras` when it is computed.
         """
         rendered = [
             (to_bytes(frame.image), np.array(frame.depth), measure_coverage(frame))
@@ -140,7 +141,7 @@ class Renderings:
         return [] if self.why_not else [rendered[number][:2] for number in covered]
 
     def _frames(self, mesh: TrialMesh, cameras: Sequence[Camera]) -> Iterator[Frame]:
-        """Yield the frame of each camera; nothing if there is no OpenCL device."""
+        """Yield the images and depths of each camera. Yield nothing without an OpenCL device."""
         try:
             renderer = Renderer(asset_from_mesh(mesh.to_mesh()), "standard", self.device)
         except MsbError as error:
@@ -156,23 +157,23 @@ class Renderings:
 def compare_images(
     originals: Iterable[NDArray[np.uint8]], images: Iterable[NDArray[np.uint8]]
 ) -> dict[str, Any]:
-    """Return the average PSNR of `images` against `originals`, and whether all are equal.
+    """Return the average PSNR of `images` against `originals`, and whether all images are equal.
 
-    The keys are explained in `Renderings.psnr`.
+    `Renderings.psnr` explains the keys.
     """
     values = [psnr(image, original) for original, image in zip(originals, images, strict=True)]
     return {"psnr": mean_of(values), "same_pictures": bool(np.isinf(values).all())}
 
 
 def make_facing_camera(size: int = PICTURE_WIDTH) -> Camera:
-    """Return a camera whose image (`size` x `size` pixels) is the unit square of the plane z = 0."""
+    """Return a camera whose image (`size` x `size` pixels) shows the unit square of the plane z = 0."""
     return Camera.look_at(
         (0.5, 0.5, -10.0), (0.5, 0.5, 0.0), up=(0, -1, 0), width=size, height=size, fov_y=0.104
     )
 
 
 def random_colors(labels: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Return a bright, reproducible colour (n, 3) for each label (n,); black for negative labels."""
+    """Return a bright, reproducible colour (n, 3) for each label (n,). Negative labels get black."""
     labels = np.maximum(labels, -1)
     palette = np.random.default_rng(7).uniform(0.25, 1.0, (int(labels.max(initial=0)) + 2, 3))
     palette[-1] = 0.0
@@ -180,7 +181,7 @@ def random_colors(labels: NDArray[np.int64]) -> NDArray[np.float32]:
 
 
 def _shade_faces(mesh: TrialMesh, camera: Camera) -> TrialMesh:
-    """Return the triangle soup of the mesh, with faces darkened by their angle to the camera."""
+    """Return the triangle soup of the mesh, with faces shaded by their angle to the camera."""
     # Cosine (F,) of the angle between the face normal and the direction to the camera.
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -193,6 +194,6 @@ def _shade_faces(mesh: TrialMesh, camera: Camera) -> TrialMesh:
 
 
 def _make_invisible_mesh(mesh: TrialMesh) -> TrialMesh:
-    """Return a mesh of a single face without area. An asset must have at least one face."""
+    """Return a mesh of a single face without area, because an asset must have at least one face."""
     point = mesh.vertices[:1] if len(mesh.vertices) else np.zeros((1, 3), np.float32)
     return TrialMesh(point, np.zeros((1, 3), np.int64), np.ones((1, 3), np.float32))

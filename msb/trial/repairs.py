@@ -41,9 +41,10 @@ if TYPE_CHECKING:
 
 SCHEMA = "msb.repair_compare/1"
 TIERS: tuple[Tier, ...] = ("standard", "dedicated")
-# The name of the row for the asset without repair.
+# The name of the table row for the asset without repair.
 STORED = "as stored"
-# Name of the strategy -> its plan, and the library that runs the step (None: MeshSplatBench).
+# Maps the name of a strategy to its repair plan and to the library that runs the step. None means
+# MeshSplatBench.
 STRATEGIES: dict[str, tuple[tuple[str, ...], Peer | None]] = {
     "orient,pair": (("orient", "pair"), None),
     "orient,cut": (("orient", "cut"), None),
@@ -54,16 +55,16 @@ STRATEGIES: dict[str, tuple[tuple[str, ...], Peer | None]] = {
     "cut by igl": (("cut",), "igl"),
     "drop by pymeshlab": (("drop",), "pymeshlab"),
 }
-# The tasks that are tried on every result by default. They take only seconds.
+# The tasks that are tried on every result by default. The default tasks take only seconds.
 TASKS = ("uv", "decimate_50", "subdivide", "boolean", "solid")
 
 
 @dataclass(frozen=True)
 class TierLikeness:
-    """The similarity of renderings of a repaired asset to the original on one tier.
+    """The similarity between renderings of a repaired asset and of the original on one renderer tier.
 
-    `psnr` is the average over the views in dB. It is None if all images are equal (`same`), or if the tier
-    cannot be rendered (for the reason `why`).
+    The field `psnr` is the average over the views in dB. The value is None if all images are equal (`same`),
+    or if the tier cannot be rendered for the reason `why`.
     """
 
     psnr: float | None = None
@@ -73,7 +74,7 @@ class TierLikeness:
 
 @dataclass(frozen=True, eq=False)
 class StrategyResult:
-    """The result of a strategy. If it failed, only `why` is set."""
+    """The result of a repair strategy. If the strategy failed, only the reason `why` is set."""
 
     strategy: str
     plan: tuple[str, ...] = ()
@@ -92,7 +93,7 @@ class StrategyResult:
     picture: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as JSON data."""
+        """Return the result of the strategy as JSON data."""
         data: dict[str, Any] = {
             "strategy": self.strategy,
             "plan": list(self.plan),
@@ -126,17 +127,20 @@ class StrategyResult:
 
 
 def document(path: str | None, views: str, rows: Iterable[StrategyResult]) -> dict[str, Any]:
-    """Return a comparison as JSON data; `views` describes the views, such as "8 test views"."""
+    """Return a comparison of repairs as JSON data.
+
+    The argument `views` describes the views, such as "8 test views".
+    """
     return {"schema": SCHEMA, "path": path, "views": views, "strategies": [row.to_dict() for row in rows]}
 
 
 def count_passed(trials: Iterable[Trial]) -> int:
-    """Return the number of tasks that work, with or without limitations."""
+    """Return the number of tasks that work or work with limitations."""
     return sum(trial.outcome in ("works", "care") for trial in trials)
 
 
 def list_strategies(options: Options) -> dict[str, tuple[tuple[str, ...], Peer | None]]:
-    """Return `STRATEGIES`, and also the plan of `options` if it is a different one."""
+    """Return `STRATEGIES` and the plan of `options`, unless `STRATEGIES` contains this plan."""
     name = ",".join(options.plan)
     return STRATEGIES if name in STRATEGIES else {**STRATEGIES, name: (options.plan, None)}
 
@@ -151,12 +155,12 @@ def compare(
     keep: Path | None = None,
     step: Callable[[], None] = lambda: None,
 ) -> list[StrategyResult]:
-    """Return a row for the asset as stored, and a row for the result of each strategy.
+    """Return a result for the asset as stored, and a result for each repair strategy.
 
     Parameters
     ----------
     cameras : ChosenViews or iterable of Camera
-        The views for comparing renderings. ChosenViews that do not see the asset are ignored.
+        The views for comparing renderings. Views that do not see the asset are ignored.
     options : Options
         Options of the steps, limits of child processes, and one additional plan.
     tasks : sequence of str
@@ -169,7 +173,7 @@ def compare(
     check_room({name: asset.buffers[name] for name in ("positions", "indices")})
     views = choose_views(asset, cameras).without_blind(asset, device)
     evaluator = _Evaluator(views, tasks, options.limits, device)
-    # The asset as stored.
+    # First evaluate the asset as stored.
     audit, _ = audit_stored(stored_mesh(asset))
     looks, before = evaluator.evaluate(asset)
     stored = StrategyResult(
@@ -183,13 +187,13 @@ def compare(
         size=_sum_bytes(asset),
     )
     step()
-    # The strategies. A failed strategy gets a row with the reason.
+    # The strategies. A failed strategy gets a row with the reason of the failure.
     rows = [stored]
     for name, (steps, peer) in list_strategies(options).items():
         start = time.perf_counter()
         try:
             done = repair_asset(asset, replace(options, plan=steps, peer=peer))
-        except OutputError:  # a temporary file cannot be written, which is not a fault of the strategy
+        except OutputError:  # Temporary files cannot be written.
             raise
         except MsbError as error:
             rows.append(StrategyResult(name, steps, peer, why=f"{error.code}: {error.message}"))
@@ -223,20 +227,21 @@ def compare(
 
 
 class _Evaluator:
-    """Rendering of results, and trials of tasks on them.
+    """Renders the results of repairs, and tries tasks on them.
 
-    Results equal to an earlier one are not evaluated again.
+    Results that equal an earlier result are not evaluated again.
     """
 
     def __init__(self, views: ChosenViews, tasks: Sequence[str], limits: Limits, device: str | None) -> None:
         self.views, self.tasks, self.limits, self.device = views, tasks, limits, device
         self.why = views.why_not
-        # The images of the first asset. The images of all other assets are compared with them.
+        # The images of the first asset, by renderer tier. The images of all other assets are compared with
+        # the images of the first asset.
         self.originals: dict[Tier, Images | str] = {}
         self.known: dict[tuple[str, ...], tuple[dict[Tier, TierLikeness], tuple[Trial, ...]]] = {}
 
     def evaluate(self, asset: Asset) -> tuple[dict[Tier, TierLikeness], tuple[Trial, ...]]:
-        """Return the similarity of an asset to the first asset on each tier, and the trials of the tasks."""
+        """Return the similarity of an asset to the first asset on each tier, and the trials of its tasks."""
         key = (asset.manifest.method, *(spec.sha256 for spec in asset.manifest.buffers.values()))
         if key not in self.known:
             images = {
@@ -248,14 +253,14 @@ class _Evaluator:
         return self.known[key]
 
     def try_tasks(self, asset: Asset) -> tuple[Trial, ...]:
-        """Return the trials of the tasks on `asset`."""
+        """Return the results of the tasks on `asset`."""
         if not self.tasks:
             return ()
         return try_asset(asset, self.tasks, cameras=self.views, limits=self.limits, device=self.device).trials
 
 
 def _render(asset: Asset, tier: Tier, cameras: Sequence[Camera], device: str | None) -> Images | str:
-    """Return the images of a tier, or the reason if it cannot be rendered."""
+    """Return the images on a renderer tier, or the reason why the tier cannot be rendered."""
     why = why_not(asset.manifest, tier)
     if why is not None:
         return why
@@ -269,17 +274,20 @@ def _render(asset: Asset, tier: Tier, cameras: Sequence[Camera], device: str | N
 def _save_picture(
     keep: Path, name: str, asset: Asset, done: Repaired, camera: Camera, device: str | None
 ) -> str | None:
-    """Write the image of a result and return its file name; None if it cannot be rendered."""
+    """Write the image of a result and return its file name. Return None if the result cannot be rendered."""
     try:
         return save_picture(keep, name, asset, done, camera, device)
     except OutputError:  # the folder cannot be written
         raise
-    except MsbError:  # `TierLikeness.why` has the reason
+    except MsbError:  # `TierLikeness.why` has the reason.
         return None
 
 
 def _compare_tier(original: Images | str, repaired: Images | str) -> TierLikeness:
-    """Compare the images of a tier. A text instead of images is the reason why they are missing."""
+    """Compare the images of two assets on a tier.
+
+    A text in place of images is the reason why images are missing.
+    """
     if isinstance(original, str) or isinstance(repaired, str):
         return TierLikeness(why=original if isinstance(original, str) else str(repaired))
     result = compare_images(original, repaired)
@@ -287,5 +295,5 @@ def _compare_tier(original: Images | str, repaired: Images | str) -> TierLikenes
 
 
 def _sum_bytes(asset: Asset) -> int:
-    """Return the size of all buffers in bytes."""
+    """Return the total size of all buffers in bytes."""
     return sum(spec.byte_length for spec in asset.manifest.buffers.values())

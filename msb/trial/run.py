@@ -31,24 +31,24 @@ from msb.trial.task import Attempt, AttemptResult, Judgement, Numbers, Outcome, 
 from msb.views import ChosenViews, choose_views
 
 SCHEMA = "msb.trial/1"
-# Minimum time limit of a fallback in seconds, including its imports. A fallback should give a result even if
-# --seconds is short.
+# Minimum time limit of a fallback library in seconds, including its imports. A fallback library should give a
+# result even if --seconds is short.
 FALLBACK_SECONDS = 20.0
 
 
 @dataclass(frozen=True)
 class Trial:
-    """The result of one task.
+    """The result of a single task.
 
     Attributes
     ----------
     outcome : {"works", "care", "fails", "not_run"}
-        "care" means that the task works with limitations; "not_run" that a library or images are missing, or
-        that every library crashed or exceeded its limits.
+        "care" means that the task works with limitations. "not_run" means that a library or images are
+        missing, or that every library crashed or exceeded its limits.
     why : str or None
-        The reason why the outcome is not better.
+        The reason if the outcome is not "works".
     seconds : float
-        The total time of the libraries. A library that exceeded its time limit counts with that limit.
+        The total time of the libraries. A library that exceeded its time limit adds this limit.
     numbers : dict
         The measurements, as JSON data.
     libraries : dict of str to str
@@ -71,7 +71,7 @@ class Trial:
     picture: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as JSON data."""
+        """Return the result of the task as JSON data."""
         return {**vars(self), "files": list(self.files)}
 
 
@@ -79,10 +79,11 @@ class Trial:
 class Trials:
     """The results of all tasks on a mesh.
 
-    `mesh` has the numbers of vertices and faces, the weld, the repair plan, and the SHA-256 of the mesh.
-    `cameras` has the "count" of cameras, their origin "from" ("given", "training", "turntable", "inside"),
-    and their description "views". It may also have "see_nothing", the number of cameras that do not see the
-    mesh, and "no_pictures", the reason why nothing was rendered.
+    The field `mesh` has the numbers of vertices and faces, the distance of merged vertices ("weld"), the
+    repair plan, and the SHA-256 hash of the mesh. The field `cameras` has the number of cameras ("count"),
+    their origin ("from"), and their description ("views"). The origin is "given", "training", "turntable" or
+    "inside". "see_nothing" is the number of cameras that do not see the mesh. If nothing was rendered,
+    "no_pictures" is the reason.
     """
 
     path: str | None
@@ -92,7 +93,7 @@ class Trials:
     cameras: dict[str, Any]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the results as JSON data (schema msb.trial/1)."""
+        """Return the results of all tasks as JSON data (schema msb.trial/1)."""
         trials = [trial.to_dict() for trial in self.trials]
         return {"schema": SCHEMA, **vars(self), "trials": trials}
 
@@ -107,7 +108,7 @@ def trial(
     limits: Limits | None = None,
     device: str | None = None,
 ) -> list[Trial]:
-    """Try typical tasks of artists on a mesh, each with its usual library.
+    """Try typical tasks of artists on a mesh. Each task runs its usual library.
 
     Parameters
     ----------
@@ -115,14 +116,14 @@ def trial(
         The asset, or a path that `msb.open` accepts.
     tasks : iterable of str, or str
         Names of tasks, or words of names: "decimate" selects "decimate_50", "decimate_25" and "decimate_10".
-        A string may list several names, separated by commas. Default: all tasks (docs/trial.md).
+        A string may contain several names, separated by commas. Default: all tasks (docs/trial.md).
     weld : "exact" or float, optional
-        Merge coincident vertices first: equal coordinates, or vertices within this distance.
+        Merge vertices first that have equal coordinates, or lie within this distance.
     repair : sequence of str, or str, optional
-        Repair the mesh with this plan first, after the weld; see `msb.repair`.
+        Repair the mesh with this plan, after `weld` and before all tasks; see `msb.repair`.
     cameras : sequence of Camera, optional
-        The views for judging results, at least one. Default: the training views if they are stored beside the
-        path, else eight views around or inside the mesh (docs/cameras.md).
+        The views for judging results, at least one. Default: the training views if they are stored in the
+        same folder, else eight views around or inside the mesh (docs/cameras.md).
     limits : Limits, optional
         Time and memory limits of each library for each task. Default: 60 s and 4 GiB.
     device : str, optional
@@ -140,7 +141,7 @@ def trial(
     AssetError
         A coordinate is not finite, an index is out of range, or the repair left no face.
     InputError, CheckpointError, MeshFileError, MeshError, Unsupported
-        The path cannot be read, or the weld is invalid.
+        The file cannot be read, or the weld is invalid.
 
     Examples
     --------
@@ -175,18 +176,19 @@ def try_asset(
     meshes: bool = True,
     watch: Callable[[Trial], None] = lambda _: None,
 ) -> Trials:
-    """Try tasks on an asset; see `trial` for the other parameters.
+    """Try tasks on an asset. See `trial` for the other parameters.
 
-    `view_kind` is the `kind` of generated views for `msb.views.choose_views`.
+    The argument `view_kind` selects the kind of generated views, as in `msb.views.choose_views`.
 
-    `keep` is a folder. It gets an image of each task, and with `meshes` also the results as GLB files.
-    `watch` is called with each result.
+    The argument `keep` is the folder for results. An image of each task is saved in this folder. With
+    `meshes`, the results are also saved as GLB files. The argument `watch` is called with the result of each
+    task.
     """
     selected = select_tasks(tasks)
     limits = Limits() if limits is None else limits
     weld = None if weld is None else parse_weld(weld)
     plan = None if repair is None else parse_plan(repair)
-    # Prepare the mesh and the renderings of it, relative to the origin of the asset.
+    # Prepare the mesh and its renderings, relative to the origin of the asset.
     mesh, origin = prepare_mesh(asset, weld), asset.manifest.origin
     if plan is not None:
         with about(asset.path):
@@ -217,7 +219,7 @@ def try_asset(
 
 
 def _repair(mesh: TrialMesh, options: Options) -> TrialMesh:
-    """Return the repaired mesh; raise TRIASSET_EMPTY if no face is left."""
+    """Return the repaired mesh. Raise TRIASSET_EMPTY if no face is left."""
     repaired, _ = repair_mesh(mesh.to_mesh(), options)
     if not len(repaired.faces):
         text = f"the repair {','.join(options.plan)} removed all faces of the mesh"
@@ -227,7 +229,7 @@ def _repair(mesh: TrialMesh, options: Options) -> TrialMesh:
 
 
 class _TaskRun:
-    """One task on one mesh, whose coordinates are relative to `origin`."""
+    """A single task on a mesh, whose coordinates are relative to `origin`."""
 
     def __init__(
         self,
@@ -248,14 +250,14 @@ class _TaskRun:
         missing = f"{' and '.join(absent)} not installed: {install('trial')}" if absent else ""
         if not select_installed(task.attempts):
             return Trial(task.name, task.title, "not_run", missing, 0.0)
-        # Run the attempts. If all of them fail, run the fallbacks.
+        # Run the attempts. If all attempts fail, run the fallback libraries.
         arrays = task.prepare(self.mesh, self.renderings) if task.prepare else {}
         replies = self.run_attempts(task.attempts, arrays, self.limits)
         if not any(reply.output for reply in replies.values()):
             patient = replace(self.limits, seconds=max(self.limits.seconds, FALLBACK_SECONDS))
             replies |= self.run_attempts(task.fallbacks, arrays, patient)
         outputs = {name: reply.output for name, reply in replies.items() if reply.output is not None}
-        # Judge the outputs, save them, and take the audit of the result into account.
+        # Judge the outputs, save them, and include the audit of the result.
         judgement = self.judge(replies, outputs)
         files, picture = self.save(keep, outputs, meshes=meshes)
         summary = task.summarize(judgement.numbers) if outputs else ""
@@ -279,7 +281,7 @@ class _TaskRun:
     ) -> dict[str, AttemptResult]:
         """Run the attempts whose libraries are installed.
 
-        Add the verdicts on the resulting meshes to the numbers.
+        The verdicts on the resulting meshes are added to the numbers.
         """
         replies = {
             attempt.library: run_attempt(self.task, attempt, self.mesh, arrays, limits)
@@ -292,7 +294,7 @@ class _TaskRun:
         return replies
 
     def judge(self, replies: dict[str, AttemptResult], outputs: dict[str, Output]) -> Judgement:
-        """Return the judgement of the task, with the reasons of failed attempts added."""
+        """Return the judgement of the task, and add the reasons of failed attempts."""
         failed = {name: reply for name, reply in replies.items() if reply.output is None}
         why = "; ".join(f"{name}: {reply.why}" for name, reply in failed.items())
         numbers: Numbers = {}
@@ -302,12 +304,12 @@ class _TaskRun:
                 for name, reply in failed.items()
             }
         if not outputs:
-            # A crash or an exceeded limit does not mean that the mesh is at fault.
+            # Crashes and exceeded limits may be faults of the library.
             ended = any(reply.ended_by is not None for reply in failed.values())
             return Judgement("not_run" if ended else "fails", why, numbers)
         judgement = self.task.judge(self.mesh, outputs, self.renderings)
-        # If all main libraries crashed or exceeded their limits, the mesh is not to blame, even if the
-        # fallback fails.
+        # If all main libraries crashed or exceeded their limits, the mesh may be correct. The outcome is then
+        # not "fails".
         ended = all(
             replies[attempt.library].ended_by is not None
             for attempt in self.task.attempts
@@ -324,9 +326,10 @@ class _TaskRun:
     def add_file_verdict(
         self, judgement: Judgement, summary: str, outputs: dict[str, Output], files: Sequence[str]
     ) -> tuple[Judgement, str]:
-        """Return the judgement and the summary, and add the verdict on the mesh of the best result to both.
+        """Return the judgement and the summary.
 
-        If this mesh is BAD or worse than the original, the best possible outcome is "works with limitations".
+        The judgement and the summary contain the verdict on the mesh of the best result. If the result is BAD
+        or worse than the original, the best possible outcome is "works with limitations".
         """
         best = judgement.numbers.get("best", next(iter(outputs), ""))
         for key, mesh in outputs[best].meshes.items() if best else ():
@@ -337,17 +340,21 @@ class _TaskRun:
             if result.reason:
                 text += " like the original" if result.level == original.level else f" ({result.reason})"
             if judgement.outcome == "works" and file_outcome(self.mesh, mesh) != "works":
-                text += "" if result.level == original.level else f"; the original is {original.word}"
+                text += (
+                    ""
+                    if result.level == original.level
+                    else f"; the verdict on the original is {original.word}"
+                )
                 reason = "; ".join(filter(None, (judgement.why, text)))
                 judgement = Judgement("care", reason, judgement.numbers)
-            elif judgement.why and not summary:  # fallbacks have no summary
+            elif judgement.why and not summary:  # Fallback libraries have no summary.
                 judgement = replace(judgement, why=f"{judgement.why}; {text}")
             else:
                 summary = "; ".join(filter(None, (summary, text)))
         return judgement, summary
 
     def file_name(self, library: str, key: str) -> str:
-        """Return the name of the file for the mesh `key` of a library."""
+        """Return the name of the file for the mesh with this `key` from a library."""
         libraries = [attempt.library for attempt in self.task.attempts]
         part = key if library not in libraries else library if len(libraries) > 1 else ""
         return f"{'-'.join(filter(None, (self.task.name, part)))}.glb"
@@ -355,9 +362,9 @@ class _TaskRun:
     def save(
         self, folder: Path | None, outputs: dict[str, Output], *, meshes: bool
     ) -> tuple[tuple[str, ...], str | None]:
-        """Save the image of the task if there is a folder, and with `meshes` also the meshes.
+        """If there is a folder, save the image of the task, and with `meshes` also the meshes.
 
-        Return the names of the files, and of the image among them.
+        Return the names of the saved files, and of the image among them.
         """
         if folder is None:
             return (), None
@@ -380,7 +387,7 @@ class _TaskRun:
 
 
 def _write_picture(path: Path, image: NDArray[Any]) -> None:
-    """Write an image (H, W, 3) as PNG."""
+    """Write an image (H, W, 3) as a PNG file."""
     from PIL import Image
 
     with new_file(path) as stream:
@@ -388,7 +395,7 @@ def _write_picture(path: Path, image: NDArray[Any]) -> None:
 
 
 def summarize_trials(trials: Iterable[Trial]) -> str:
-    """Return the number of tasks by outcome, worst first: "3 fail: uv, boolean, solid; 2 work: ..."."""
+    """Return the numbers of tasks by outcome, worst first: "3 fail: uv, boolean, solid; 2 work: ..."."""
     verbs = {"fails": "fail", "care": "work with limitations", "not_run": "not run", "works": "work"}
     parts = []
     for outcome, verb in verbs.items():

@@ -1,4 +1,4 @@
-"""The declaration of a task: the libraries that try it, and how their results are judged."""
+"""The declaration of a task: the libraries that try it, and the functions that judge their results."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -10,9 +10,10 @@ from msb.base.children import Arrays
 from msb.trial.mesh import TrialMesh
 from msb.trial.renderings import Renderings
 
-# "care" means that the task works with limitations. "not_run" means that a library or images are missing.
+# The outcome "care" means that the task works with limitations. The outcome "not_run" means that a library or
+# images are missing.
 Outcome = Literal["works", "care", "fails", "not_run"]
-# The outcomes of a task that was run, best first.
+# The outcomes of a task that ran, best first.
 OUTCOMES: tuple[Outcome, ...] = ("works", "care", "fails")
 Numbers = dict[str, Any]
 
@@ -29,24 +30,24 @@ class Output:
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
 
 
-# The outputs of a task by library.
+# The outputs of a task, by the name of the library.
 Outputs = Mapping[str, Output]
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """A library's way to do a task. It runs in a child process (`msb.trial.attempts`).
+    """A library and the function that uses it. The function runs in a child process.
 
     Attributes
     ----------
     library, modules : str, tuple of str
         The distribution, whose version is reported, and the modules that must be installed.
     work : callable
-        A function of the mesh and the arrays of `Task.prepare`. Its exceptions are reported as the reason for
-        the failure.
+        A function of the mesh and the arrays of `Task.prepare`. Exceptions of the function are reported as
+        the reason of a failure.
     any_unit : bool
-        True if the result does not depend on the unit of length, so that the mesh is passed as stored. Else
-        inputs and outputs are in the unit of `msb.trial.attempts`.
+        True if the result does not depend on the unit of length, so that the mesh is passed as stored.
+        Otherwise, inputs and outputs are in the unit of `msb.trial.attempts`.
     """
 
     library: str
@@ -57,10 +58,10 @@ class Attempt:
 
 @dataclass(frozen=True)
 class AttemptResult:
-    """The result of an attempt: its output, or the reason why it failed.
+    """The result of an attempt: its output, or the reason of its failure.
 
-    `ended_by` is the reason why the process was ended early, if it was. `seconds` is the time of the library,
-    or None if it did not run.
+    The field `ended_by` is the reason why the process was stopped, if it was stopped. The field `seconds` is
+    the time of the library, or None if the library did not run.
     """
 
     output: Output | None
@@ -72,7 +73,7 @@ class AttemptResult:
 
 @dataclass(frozen=True)
 class Judgement:
-    """The outcome of a task, the reason why it is not better, and the numbers."""
+    """The outcome of a task, the reason for a limitation or failure, and the measured numbers."""
 
     outcome: Outcome
     why: str | None = None
@@ -80,7 +81,7 @@ class Judgement:
 
     @property
     def rank(self) -> int:
-        """The rank of the outcome: 0 is the best."""
+        """The rank of the outcome. The best outcome has the rank 0."""
         return OUTCOMES.index(self.outcome)
 
 
@@ -93,12 +94,12 @@ class Task:
     name, title : str
         The name in JSON and on the command line, and the title in tables and pages.
     attempts, fallbacks : tuple of Attempt
-        The libraries to try, and the libraries to try if all of these fail. Each attempt returns at most one
-        mesh.
+        The libraries to try first, and the fallbacks if all of these fail. Each attempt returns at
+        most one mesh.
     judge : callable
-        A function of the mesh, the outputs by library, and the renderings. It is called only if there is an
-        output; otherwise the task fails. If there are several outputs, its number "best" names the library
-        that counts.
+        A function of the mesh, the outputs by library, and the renderings. The function is called only if
+        there is an output. If all attempts fail, the task fails. If there are several outputs, the number
+        "best" names the best library.
     summarize : callable
         A function that turns the numbers into a short text for a table.
     powers : mapping of str to int
@@ -108,7 +109,7 @@ class Task:
     picture : callable, optional
         A function that draws the outputs as an image (H, W, 3) uint8, or returns None.
     needs_images : bool
-        Whether the judgement needs renderings. Without them the task is "not_run", unless it fails anyway.
+        Whether the judgement needs renderings. Without renderings, the outcome is "not_run" or "fails".
     """
 
     name: str
@@ -124,7 +125,7 @@ class Task:
 
 
 def file_outcome(original: TrialMesh, result: TrialMesh) -> Outcome:
-    """Return "care" if the result is BAD or worse than the original, else the best outcome, "works"."""
+    """Return "care" if the result is BAD or worse than the original, else "works"."""
     levels = ("ok", "limited", "bad")
     is_worse = levels.index(result.verdict.level) > levels.index(original.verdict.level)
     return "care" if is_worse or result.verdict.level == "bad" else "works"
@@ -149,7 +150,8 @@ def pick_worst(outcomes: Iterable[Outcome]) -> Outcome:
 def grade(value: float | None, works: float, care: float) -> Outcome:
     """Return the outcome for a value that should be small.
 
-    `works` and `care` are the largest values for these outcomes. An unknown value (None) counts as "works".
+    The arguments `works` and `care` are the largest values that give these outcomes. The value None counts as
+    "works".
     """
     if value is None or value <= works:
         return "works"

@@ -1,7 +1,9 @@
-"""Measure why an export of an asset looks worse than its native rendering. Each cause gets a PSNR.
+"""Measure why an export of an asset looks worse than its native rendering.
 
-A cause is one difference between an engine and the method's own renderer, such as hard edges. To measure it,
-the same cameras are rendered with and without this difference. Everything else stays the same. docs/worse.md
+The effect of each cause is measured as a PSNR.
+
+A cause is one difference between an engine and the method's native renderer, such as hard edges. The same
+cameras are rendered with and without the cause. All other settings stay unchanged. The page docs/worse.md
 shows images of all causes.
 """
 

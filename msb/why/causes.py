@@ -1,4 +1,7 @@
-"""The causes of a loss of image quality. For each cause: how it is rendered, recognised and avoided."""
+"""The causes of a loss of image quality.
+
+For each cause, this module defines how to render, recognise and avoid it.
+"""
 
 import tempfile
 from collections.abc import Callable
@@ -21,29 +24,30 @@ from msb.registry import lookup
 from msb.render.frame import Frame
 from msb.why.views import CauseViews, DoesNotApplyError, Image
 
-# Logit of an opacity of 1 - 2e-9. As float32 this opacity is 1.
+# Logit of an opacity of 1 - 2e-9. In float32 this opacity rounds to 1.
 _FULL_LOGIT = np.float32(20.0)
-# Settings that make the coverage 1 inside a face and 0 outside, for each kernel of the coverage. They are a
-# steep power and a narrow window.
+# For each coverage kernel, the settings that make the coverage 1 inside a face and 0 outside. The settings
+# are a steep power and a narrow window.
 _HARD_SETTINGS: dict[str, dict[str, float]] = {
     "gaussian_power": {"gamma": 1000.0},
     "edge_window": {"sigma": 1e-9},
 }
-# Stored value of Triangle-Splatting that makes edges hard: sigma is 0.01 + exp(value), here its minimum 0.01.
+# Stored value of Triangle-Splatting that makes edges hard. With this value, sigma = 0.01 + exp(value) has its
+# minimum of 0.01.
 _HARD_SIGMA = np.float32(-30.0)
-# Two lists of images, with and without a cause. Each list has an image for every view.
+# Two lists of images: without and with a cause. Each list of images has one image per view.
 _Pair = tuple[list[Any], list[Any]]
 _Draw = Callable[[CauseViews], _Pair]
-# A changed model, and the settings for drawing it.
+# A changed model, and the render settings for it.
 _Change = tuple[Asset, dict[str, Any]]
 
 
 def _draw_supersampling(views: CauseViews) -> _Pair:
-    """Compare images with one sample per pixel and with several samples per pixel."""
+    """Compare images with one sample per pixel and images with several samples per pixel."""
     if views.samples:
         return views.draw_native(settings=dict.fromkeys(views.samples, 1)), views.native
     if why_not(views.asset.manifest, "dedicated") is None:
-        raise DoesNotApplyError("its native renderer also takes one sample per pixel")
+        raise DoesNotApplyError("the native renderer takes only one sample per pixel")
     return views.standard.frames, views.standard.supersampled
 
 
@@ -55,10 +59,10 @@ def _draw_shading(views: CauseViews) -> _Pair:
 
 
 def apply_light(frames: list[Frame], light: Image) -> list[Frame]:
-    """Return frames lit by an engine's lamp; `light` (F,) is the brightness of each face.
+    """Return frames lit by an engine's light source; `light` (F,) is the brightness of each face.
 
-    A face has one normal, so its lit image is the unlit image times its brightness. Engines multiply sRGB
-    values.
+    A face has one normal, so its lit image is the unlit image times the face's brightness. The multiplication
+    uses sRGB values, as in engines.
     """
     lit = []
     # Multiply each pixel (H, W, 3) by the brightness of its face (H, W). The background has the face id -1.
@@ -76,15 +80,15 @@ def _draw_linear_colors(views: CauseViews) -> _Pair:
     if not mesh.textures:
         return interpret_as_linear(frames), frames
     if mesh.vertex_colors is None and mesh.face_colors is None:
-        raise DoesNotApplyError("its colours are textures, which glTF defines as sRGB")
-    # The engine misinterprets only the vertex or face colours, not the image. The mesh must therefore be
-    # drawn again.
+        raise DoesNotApplyError("the colours are textures, which glTF defines as sRGB")
+    # The engine misinterprets only the vertex or face colours, not the whole image. The mesh must therefore
+    # be rendered again.
     pale = replace(mesh, vertex_colors=_encode(mesh.vertex_colors), face_colors=_encode(mesh.face_colors))
     return views.draw_mesh(pale), frames
 
 
 def interpret_as_linear(frames: list[Frame]) -> list[Image]:
-    """Return the images of an engine that takes sRGB colours for linear light and encodes them again."""
+    """Return the images of an engine that interprets sRGB colours as linear light and encodes them again."""
     return [
         np.where(frame.alpha[..., None] > 0, _to_srgb(np.clip(frame.image, 0, 1)), frame.image)
         for frame in frames
@@ -99,16 +103,18 @@ def _draw_back_faces(views: CauseViews) -> _Pair:
 def _without_view_dependence(asset: Asset) -> _Change:
     """Return `asset` with colours that do not depend on the view direction."""
     if "sh_degree" not in lookup(asset.manifest.method).settings:
-        raise DoesNotApplyError("its colours are not spherical harmonics, so they cannot be made constant")
+        raise DoesNotApplyError(
+            "the colours are not spherical harmonics, so msb cannot make the colours constant"
+        )
     if not effective_settings(asset.manifest)["sh_degree"]:
-        raise DoesNotApplyError("its colours do not depend on the view direction")
+        raise DoesNotApplyError("the colours do not depend on the view direction")
     return asset, {"sh_degree": 0}
 
 
 def _with_full_opacity(asset: Asset) -> _Change:
     """Return `asset` with an opacity of 1 for all faces that its threshold selects."""
     if asset.manifest.opacity.get("encoding") != "logit" or "opacity" not in asset.buffers:
-        raise DoesNotApplyError("its faces have no opacity")
+        raise DoesNotApplyError("the faces have no opacity")
     stored = asset.buffers["opacity"]
     selected = visible_faces(asset, stored_threshold(asset))
     full = np.full_like(stored, _FULL_LOGIT)
@@ -117,20 +123,20 @@ def _with_full_opacity(asset: Asset) -> _Change:
 
 
 def _with_hard_edges(asset: Asset) -> _Change:
-    """Return `asset` with faces of constant opacity up to their edges, instead of soft edges."""
+    """Return `asset` with constant opacity up to the edges of each face, instead of soft edges."""
     kernel = str(asset.manifest.coverage["kernel"])
     if kernel == "solid":
-        raise DoesNotApplyError("its faces have hard edges already")
+        raise DoesNotApplyError("the faces have hard edges already")
     if kernel == "incentre_window" and "sigma" in asset.buffers:
         return _with_buffers(asset, sigma=np.full_like(asset.buffers["sigma"], _HARD_SIGMA)), {}
     settings = _HARD_SETTINGS.get(kernel, {})
     if not settings or settings.keys() - lookup(asset.manifest.method).settings.keys():
-        raise DoesNotApplyError(f"hard edges are not implemented for its coverage, {kernel}")
+        raise DoesNotApplyError(f"hard edges are not implemented for the coverage {kernel}")
     return asset, settings
 
 
 def _draw_change(change: Callable[[Asset], _Change]) -> _Draw:
-    """Return a function that compares native renderings of the changed and of the original model."""
+    """Return a function that compares native renderings of the original model and of a changed model."""
 
     def draw(views: CauseViews) -> _Pair:
         asset, settings = change(views.asset)
@@ -144,7 +150,7 @@ def _with_buffers(asset: Asset, **buffers: NDArray[Any]) -> Asset:
 
 
 def _draw_exporter(views: CauseViews) -> _Pair:
-    """Compare the mesh of the method's official exporter with ours."""
+    """Compare the mesh of the method's official exporter with the mesh of msb."""
     ours = views.standard.frames
     try:
         exporter = official_exporter(views.asset.manifest.method)
@@ -152,7 +158,7 @@ def _draw_exporter(views: CauseViews) -> _Pair:
         raise DoesNotApplyError(error.message) from error
     suffix = next((suffix for suffix in exporter.SUFFIXES if suffix in list_written_suffixes()), None)
     if suffix is None:
-        raise DoesNotApplyError("its official exporter writes no mesh file that engines can open")
+        raise DoesNotApplyError("the official exporter writes no mesh file that engines can open")
     with tempfile.TemporaryDirectory(prefix="msb-why-", ignore_cleanup_errors=True) as folder:
         path = Path(folder) / f"official{suffix}"
         exporter.write(views.asset, path)
@@ -163,14 +169,14 @@ def _draw_exporter(views: CauseViews) -> _Pair:
 def _draw_unsorted(views: CauseViews) -> _Pair:
     """Compare images of faces drawn in stored order with images of faces sorted by depth."""
     if views.asset.manifest.compositing.get("kind") == "opaque_z_buffer":
-        raise DoesNotApplyError("it is drawn with a z-buffer, which needs no order")
+        raise DoesNotApplyError("the mesh is drawn with a z-buffer, which needs no sorting")
     return views.draw_native(order="none"), views.native
 
 
 def _encode(colors: NDArray[Any] | None) -> Image | None:
-    """Return colours (N, 3 or 4) encoded as sRGB once more.
+    """Return colours (N, 3 or 4) after one additional sRGB encoding.
 
-    Alpha is not encoded, because it is not a colour.
+    The alpha channel is not encoded, because it is not a colour.
     """
     if colors is None:
         return None
@@ -185,8 +191,8 @@ def _to_srgb(linear: Image) -> Image:
     return np.where(linear <= 0.0031308, 12.92 * linear, curve).astype(np.float32)
 
 
-# Causes that affect every opaque mesh in every engine. Each has a function that removes the property from the
-# model.
+# Causes that affect every opaque mesh in every engine. Each function removes one property from the model, for
+# example the soft edges.
 BAKED: dict[str, Callable[[Asset], _Change]] = {
     "view_dependence": _without_view_dependence,
     "opacity": _with_full_opacity,
@@ -196,9 +202,9 @@ BAKED: dict[str, Callable[[Asset], _Change]] = {
 
 @dataclass(frozen=True)
 class CauseDefinition:
-    """A cause, and how to draw images with and without it.
+    """A cause of quality loss, and the functions that draw images with and without it.
 
-    `title`, `how_to_see` and `remedy` are printed. `how_to_see` tells how to recognise the cause in a
+    `title`, `how_to_see` and `remedy` are printed. `how_to_see` explains how to recognise the cause in a
     program.
     """
 
@@ -247,7 +253,7 @@ CAUSES = (
         "back_faces",
         "Back faces culled",
         _draw_back_faces,
-        "There are holes, which close when the camera moves to the other side.",
+        "The surface has holes, which close when the camera moves to the other side.",
         "Make the material two-sided, or orient the faces consistently with msb repair.",
     ),
     CauseDefinition(
@@ -255,7 +261,7 @@ CAUSES = (
         "Opacity ignored",
         _draw_change(_with_full_opacity),
         "Faint faces appear as solid flakes in front of the surface.",
-        "Blend with the stored opacity, or train with a loss that makes opacities 0 or 1.",
+        "Blend faces with the stored opacity, or train with a loss that makes opacities 0 or 1.",
     ),
     CauseDefinition(
         "soft_edges",

@@ -1,4 +1,4 @@
-"""`msb why`: prints the loss of image quality from each cause, in dB of PSNR."""
+"""`msb why`: print the loss of image quality from each cause, in dB of PSNR."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ def why(
     save: Annotated[
         Path | None,
         Option(
-            "Write an image for each cause into FOLDER: without the cause on the left, with it on the right.",
+            "Write an image for each cause into FOLDER: the left half is without the cause, the right half "
+            "with the cause.",
             metavar="FOLDER",
             output="own",
         ),
@@ -36,13 +37,14 @@ def why(
     *,
     typed: Typed,
 ) -> None:
-    """Explain why an export looks worse than the native rendering: the PSNR of each cause, in dB.
+    """Explain why an export looks worse than the native rendering: measure the PSNR of each cause in dB.
 
-    The asset is rendered with and without each cause. Everything else stays the same. Differences are clearly
-    visible below 30 dB and invisible above 40 dB. The last lines compare the standard-tier mesh with the
-    native rendering. This is the loss of all causes together. They also tell which part of the loss engine
-    settings can avoid, and which part needs a bake. Without --cameras the training cameras beside the asset
-    are used. If there are none, cameras around the asset are used.
+    The asset is rendered with and without each cause. All other settings stay unchanged. Differences are
+    clearly visible below 30 dB and invisible above 40 dB. The last lines compare the standard-tier mesh with
+    the native rendering. This comparison with the native rendering measures the loss of all causes together.
+    The report also separates the loss that engine settings can avoid from the loss that needs a bake. Without
+    --cameras the training cameras beside the asset are used. If the asset has no training cameras, cameras
+    around the asset are used.
     """
     from msb.api.command_files import open_asset
     from msb.errors import about
@@ -85,7 +87,10 @@ def why(
 
 
 def _save_images(causes: list[Cause], folder: Path, *, overwrite: bool) -> None:
-    """Write an image for each cause. The left half is without the cause, the right half with it."""
+    """Write an image for each cause.
+
+    The left half of the image is without the cause, the right half with the cause.
+    """
     import numpy as np
 
     from msb.render.images import write_image
@@ -141,7 +146,8 @@ def _format_db(db: float | None) -> str:
 
 
 def _describe_total(causes: Causes, quiet: bool) -> Iterator[str]:
-    """Yield the loss of the standard-tier mesh, and the parts that settings or a bake can avoid."""
+    """Yield lines of text about the loss of the standard-tier mesh. The text separates the loss that settings
+    avoid from the loss that a bake avoids."""
     from msb.why.total import TITLE
 
     total = causes.total
@@ -152,15 +158,15 @@ def _describe_total(causes: Causes, quiet: bool) -> Iterator[str]:
         return
     sampled = "" if total.right == total.db else f" Supersampled as in training: {_format_db(total.right)}."
     yield (
-        "- This is not the sum of the causes above, and it can be better than one of them that is an engine "
-        f"setting.{sampled} With every engine setting wrong (lit, back faces culled, colours interpreted as "
+        "- The loss of the mesh is not the sum of the causes above. A single wrong engine setting can cost "
+        f"more.{sampled} With every engine setting wrong (lit, back faces culled, colours interpreted as "
         f"linear): {_format_db(total.wrong)}."
     )
     texts = {cause.name: f"{cause.title.lower()} ({_format_db(cause.db)})" for cause in causes}
     if total.bakes:
         together = "" if len(total.bakes) == 1 else f"; together {_format_db(total.baked)}"
         yield (
-            "- The rest cannot be fixed by settings. Run msb bake, which fits faces and colours of an opaque "
-            "mesh to the native rendering, or use the method's shader. Visible causes: "
+            "- The remaining loss cannot be avoided by settings. Run msb bake, which fits faces and colours "
+            "of an opaque mesh to the native rendering, or use the method's shader. Visible causes: "
             f"{', '.join(texts[name] for name in total.bakes)}{together}."
         )

@@ -1,4 +1,4 @@
-"""Measure the causes of a loss of image quality on an asset, each cause alone and all causes together."""
+"""Measure the causes of a loss of image quality on an asset: each cause alone, and all causes together."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from msb.why.views import EQUAL, CauseViews, DoesNotApplyError, Image, clip_imag
 
 @dataclass(frozen=True)
 class Cause:
-    """One reason why an export can look worse than the native rendering.
+    """One cause that can make an export look worse than the native rendering.
 
     Attributes
     ----------
@@ -36,10 +36,10 @@ class Cause:
     applies : bool
         Whether the asset can be drawn both with and without the cause.
     db : float or None
-        PSNR in dB between the images with and without the cause, over all views; inf if they are equal, None
-        if the cause does not apply.
+        PSNR in dB between the images with and without the cause, over all views. The PSNR is inf for equal
+        images, and None if the cause does not apply.
     reason : str or None
-        Why the cause does not apply; None if it does.
+        Why the cause does not apply; None if the cause applies.
     how_to_see : str
         How to recognise the cause in a program.
     remedy : str
@@ -59,7 +59,7 @@ class Cause:
     with_it: Image | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the record for `msb why --json`. For equal images `db` is null and `equal` is true."""
+        """Return the record for `msb why --json`. For equal images, `db` is null and `equal` is true."""
         equal = self.db is not None and self.db >= EQUAL
         return {
             "name": self.name,
@@ -74,9 +74,9 @@ class Cause:
 
 
 class Causes(list[Cause]):
-    """A list with the loss of each cause.
+    """A list of causes with the loss of each cause.
 
-    `total` has the loss of the standard-tier mesh. `views` has the cameras that see the asset.
+    `total` contains the loss of the standard-tier mesh. `views` contains the cameras that see the asset.
     """
 
     total: Total
@@ -99,12 +99,12 @@ def why(
     asset : Asset or path-like
         An asset, or the path of anything that `msb.open` accepts.
     cameras : iterable of Camera, optional
-        At least one camera. Default: the training cameras if they are found beside the path, else eight
-        cameras around or inside the asset.
+        At least one camera. Default: training cameras beside the path, or else eight cameras around or inside
+        the asset.
     background : (3,) floats, or str, optional
         The background, with the values and the default of `msb.render`.
     settings : mapping, optional
-        Values for all renderings, in place of the settings that are stored in the asset.
+        Settings of all renderings; they replace the settings stored in the asset.
     device : str, optional
         The OpenCL device.
     step : callable
@@ -114,8 +114,8 @@ def why(
     -------
     list of Cause
         One entry for each of `CAUSES`, including causes that do not apply. If no camera sees the asset, no
-        cause applies. The attribute `total` has the loss of the standard-tier mesh; `views` has the `cameras`
-        that see the asset.
+        cause applies. The list's attribute `total` contains the loss of the standard-tier mesh, and `views`
+        the `cameras` that see the asset.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def _measure_cause(definition: CauseDefinition, views: CauseViews) -> Cause:
         with_it, without = definition.draw(views)
     except DoesNotApplyError as error:
         return Cause(definition.name, definition.title, False, None, str(error), *texts)
-    # The sum of squared errors and the number of values of each view, (views, 2).
+    # An array (views, 2): the sum of squared errors and the number of values of each view.
     errors = squared_errors(with_it, without)
     worst = int(np.argmax(errors[:, 0] / errors[:, 1]))
     return Cause(

@@ -1,4 +1,4 @@
-"""The loss of the standard-tier mesh, and the parts of it that settings or a bake can avoid."""
+"""The loss of the standard-tier mesh, and the parts that settings or a bake can avoid."""
 
 import contextlib
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ from msb.why.causes import BAKED, apply_light, interpret_as_linear
 from msb.why.views import EQUAL, CauseViews, DoesNotApplyError
 
 TITLE = "Standard-tier mesh with every engine setting right (unlit, two-sided, colours unchanged)"
-# A cause with a PSNR above this number of dB is invisible and does not explain the remaining loss.
+# A cause with a higher PSNR in dB is invisible and does not explain the remaining loss.
 _VISIBLE = 40.0
 
 
@@ -23,7 +23,7 @@ class Total:
     Attributes
     ----------
     db : float or None
-        The mesh as `msb render` draws it.
+        The mesh rendered by `msb render`.
     reason : str or None
         Why the numbers are missing.
     wrong : float or None
@@ -33,7 +33,7 @@ class Total:
         pixel as the native renderer.
     baked : float or None
         The native rendering of the model without view-dependent colours, transparency and soft edges, which
-        no opaque mesh can show. A bake can avoid this loss; settings cannot.
+        no opaque mesh can show. Only a bake can avoid this loss.
     bakes : tuple of str
         Names of the visible causes of the loss `baked`, the largest loss first.
     """
@@ -46,7 +46,7 @@ class Total:
     bakes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the record for `msb why --json`. If images are equal, the number is null."""
+        """Return the record for `msb why --json`. If the images are equal, the PSNR is null."""
         return {
             "db": _finite(self.db),
             "equal": self.db is not None and self.db >= EQUAL,
@@ -61,7 +61,7 @@ def _finite(db: float | None) -> float | None:
 
 
 def measure_total(views: CauseViews, losses: Mapping[str, float | None]) -> Total:
-    """Return the loss of the standard-tier mesh. `losses` has the PSNR in dB of each cause alone."""
+    """Return the loss of the standard-tier mesh. `losses` contains the PSNR in dB for each single cause."""
     try:
         native, standard = views.native, views.standard
     except DoesNotApplyError as error:

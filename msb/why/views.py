@@ -1,4 +1,4 @@
-"""Images of one asset, rendered in the different ways that the causes compare."""
+"""Images of one asset, rendered in all the ways that the causes compare."""
 
 import contextlib
 from collections.abc import Sequence
@@ -33,18 +33,18 @@ _SAMPLING_SETTINGS = ("supersample", "render_up_scale")
 
 
 class DoesNotApplyError(Exception):
-    """Error that a cause does not apply to the asset, with the reason as its text."""
+    """Raised if a cause does not apply to the asset; the text is the reason."""
 
 
 class _StandardImages(NamedTuple):
     """Images of the standard-tier mesh, one for each camera."""
 
-    # The images that `msb render` draws.
+    # Standard-tier images as drawn by `msb render`.
     frames: list[Frame]
     # Without back faces.
     culled: list[Frame]
-    # Images with as many samples per pixel as the native renderer, or 16 if the method has no native
-    # renderer.
+    # Images with the samples per pixel of the native renderer. Without a native renderer, an image has 16
+    # samples per pixel.
     supersampled: list[Image]
 
 
@@ -56,8 +56,8 @@ class CauseViews:
     chosen : msb.views.ChosenViews
         The cameras that see the asset.
     samples : dict
-        The samples per pixel along each axis, by the setting of the native renderer. Empty if the renderer
-        takes one sample per pixel.
+        The samples per pixel along each axis, by the name of the native renderer's setting. If the renderer
+        takes one sample per pixel, `samples` is empty.
     """
 
     def __init__(
@@ -73,8 +73,8 @@ class CauseViews:
         for name in _SAMPLING_SETTINGS:
             if isinstance(value := values.get(name), int) and value > 1:
                 self.samples[name] = value
-        # Render the standard tier first. If all its images show the asset, no separate visibility test is
-        # needed.
+        # Render the standard tier first. If the asset is visible in all images, no separate visibility test
+        # is needed.
         self._standard = None if why_not(asset.manifest, "standard") else self._draw_standard(views.cameras)
         frames = [] if self._standard is None else self._standard.frames
         covered = {number: share for number, frame in enumerate(frames) if (share := measure_coverage(frame))}
@@ -88,7 +88,7 @@ class CauseViews:
     def draw_native(self, asset: Asset | None = None, **options: Any) -> list[Image]:
         """Return native renderings of `asset`, with options of `Renderer`.
 
-        The default is the asset of these views.
+        If `asset` is None, draw the stored asset.
         """
         self._check("dedicated")
         settings = options.pop("settings", {})
@@ -122,13 +122,16 @@ class CauseViews:
 
     @cached_property
     def light(self) -> Image:
-        """The brightness (F,) of each face of the asset under an engine's lamp, in [0, 1]."""
+        """The brightness (F,) of each face under an engine's light source, in [0, 1]."""
         buffers = self.asset.buffers
         light = daylight(buffers["positions"], buffers["indices"], up_axis(self.asset))
         return light.astype(np.float32)
 
     def _draw_standard(self, cameras: Sequence[Camera]) -> _StandardImages:
-        """Return all images of the standard tier. One renderer draws them, because it is slow to create."""
+        """Return all images of the standard tier.
+
+        One renderer draws all images, because creating a renderer is slow.
+        """
         no_native = why_not(self.asset.manifest, "dedicated") is not None
         samples = max(self.samples.values(), default=4 if no_native else 1)
         units = [camera.in_units(self.asset.manifest.origin) for camera in cameras]
@@ -150,14 +153,14 @@ class CauseViews:
         positions, indices = self.asset.buffers["positions"], self.asset.buffers["indices"]
         centers = [camera.relative_to(self.asset.manifest.origin).center for camera in cameras]
         front = np.zeros((len(cameras), len(indices)), bool)
-        # Process blocks of faces, with the first corner and the normal of each face, both (f, 3).
+        # Process the faces in blocks, with the first corner and the normal of each face, both (f, 3).
         for block, first, normals in normals_of(positions, indices):
             plane = np.einsum("fi,fi->f", first, normals)
             front[:, block] = [normals @ center > plane for center in centers]
         return front
 
     def _check(self, tier: Tier) -> None:
-        """Raise DoesNotApplyError if the asset does not have the tier, or if the cameras do not show it."""
+        """Raise DoesNotApplyError if the tier cannot draw the asset, or if no camera shows it."""
         reason = why_not(self.asset.manifest, tier) or self._no_view_reason
         if reason is not None:
             raise DoesNotApplyError(reason)
@@ -169,7 +172,7 @@ def clip_image(frame: Any) -> Image:
 
 
 class _CullingRenderer(StandardRenderer):
-    """Renderer of the selected faces of an asset. Until `select` is called, all faces are selected."""
+    """Renderer of the selected faces of an asset. Until `select` is called, all faces are drawn."""
 
     def __init__(self, asset: Asset, device: str | None) -> None:
         super().__init__(asset, device=device)
@@ -177,8 +180,8 @@ class _CullingRenderer(StandardRenderer):
 
     @in_turn
     def select(self, mask: NDArray[np.bool_]) -> None:
-        """Draw only the faces of `mask` (F,) from now on."""
-        # Memory reports show the names of these scratch buffers.
+        """Draw only the faces of `mask` (F,) in the following frames."""
+        # The names of the scratch buffers appear in memory reports.
         flags = self._scratch("shown faces", self._faces, np.uint8)
         flags.write(mask.view(np.uint8))
         records = self._scratch("shown triangles", self._all.records.shape)

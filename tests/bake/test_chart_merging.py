@@ -61,6 +61,7 @@ def test_the_strips_of_a_plane_become_one_chart() -> None:
 
 
 @pytest.mark.parametrize("shape", ["ball", "box", "rough"])
+@pytest.mark.slow
 def test_single_faces_become_charts_without_overlaps(shape: str) -> None:
     points, faces = box(6) if shape == "box" else icosphere(6)
     if shape == "rough":

@@ -72,6 +72,7 @@ def test_levels_and_a_collision_shape_are_written_beside_each_output(here: Here,
     here(*bake_words(model, "-o", model.parent / "a_lod1.glb", out="c.glb")).ends(2, "OUTPUT_EXISTS: ")
 
 
+@pytest.mark.slow
 def test_a_cache_of_renderings_gives_the_same_bytes(here: Here, model: Path) -> None:
     cache, outs = model.parent / "cache", [model.parent / name for name in ("a.glb", "b.glb")]
     for out in outs:
@@ -182,6 +183,7 @@ def test_a_failure_leaves_all_files_as_they_were(
     assert sorted(model.parent.rglob("*")) == before
 
 
+@pytest.mark.slow
 def test_keep_best_writes_the_best_result_after_an_interrupt(
     here: Here, model: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -198,6 +198,7 @@ def test_leaves_without_thickness_stay_whole() -> None:
 
 
 @pytest.mark.usefixtures("quick")
+@pytest.mark.slow
 def test_a_search_that_ends_early_has_a_note() -> None:
     corners, colors = ball_soup()
     steps: list[int] = []

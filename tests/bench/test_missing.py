@@ -29,6 +29,7 @@ def find(report: Report, word: str) -> Missing:
     return missing
 
 
+@pytest.mark.slow
 def test_the_paper_in_an_empty_folder_lists_each_dataset_and_method_once(tmp_path: Path) -> None:
     report = run_protocol(parse_protocol(read_example("paper"), tmp_path / "paper.toml"), dry=True)
     assert report.exit_status == 3

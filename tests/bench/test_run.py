@@ -253,6 +253,7 @@ def test_differences_of_a_training_are_recorded_with_one_warning(tmp_path: Path)
             assert sum(text in sentence for sentence in sentences) == 1
 
 
+@pytest.mark.slow
 def test_an_unknown_split_is_noted_until_the_protocol_vouches_for_it(again: ProtocolFile) -> None:
     # The record of the finished run has the note, and no part is computed again.
     assert "held out" in read_cell(again, "two_dts/dedicated").trained[0]

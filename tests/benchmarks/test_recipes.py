@@ -65,6 +65,7 @@ def test_each_method_of_the_paper_has_a_recipe() -> None:
 
 
 @pytest.mark.parametrize("recipe", RECIPES, ids=lambda path: path.stem)
+@pytest.mark.slow
 def test_a_dry_run_prints_all_steps_with_the_paths_of_the_papers_protocol(
     recipe: Path, scenes: Path, tmp_path: Path
 ) -> None:

@@ -245,6 +245,7 @@ def test_completion_prints_a_script_for_both_programs(here: Here, shell: str) ->
     assert "_MSB_AUDIT_COMPLETE" in script
 
 
+@pytest.mark.slow
 def test_the_script_completes_in_bash_and_skips_a_broken_command(msb: Msb, site: Path) -> None:
     (site / "weighing.py").write_text("raise ValueError\n")
     env = {"_MSB_COMPLETE": "complete_bash", "COMP_CWORD": "1", "PYTHONPATH": f"{site}{os.pathsep}{ROOT}"}

@@ -159,6 +159,7 @@ def test_plans_refer_to_existing_arrays_buffers_and_modules(method: str) -> None
     assert content["view"]["bytes"] == len(record)
 
 
+@pytest.mark.slow
 def test_settings_of_the_camera_record_can_be_changed_in_the_page() -> None:
     settings = {method: golden_page(method).scene["dedicated"]["settings"] for method in METHODS}
     names = {method: [setting["name"] for setting in entries] for method, entries in settings.items()}

@@ -147,7 +147,7 @@ BAD_GLBS: dict[str, tuple[bytes, str]] = {
         ),
         "INVALID",
     ),
-    "primitives times nodes": (many_primitives(2_000, 2_000), "TOO_LARGE"),
+    "primitives times nodes": (many_primitives(1_000, 1_000), "TOO_LARGE"),
 }
 
 

@@ -74,6 +74,7 @@ def test_motion_and_steady_change_are_not_flicker() -> None:
     assert rms(brighter) < 0.15
 
 
+@pytest.mark.slow
 def test_fewer_samples_flicker_more() -> None:
     single, sixteen, sixtyfour = (rms(changed(samples)) for samples in (1, 4, 8))
     assert single > 4 * sixteen > 5 * sixtyfour

@@ -205,6 +205,8 @@ def test_a_comparison_recommends_one_of_its_rows() -> None:
     assert recommend(rows).startswith("Recommended: weld,orient,pair (")
     assert recommend(rows[:1]).startswith("Recommended: as stored (")
     assert recommend(rows[-1:]) == ""
+    rows[3] = replace(rows[3], faces_kept=2, looks={"standard": TierLikeness(25.0)})
+    assert not recommend(rows).startswith("Recommended: weld,orient,pair ("), "half of the faces are lost"
 
 
 @pytest.mark.parametrize(

@@ -212,6 +212,7 @@ def test_truncated_files_and_other_files_are_rejected(submission: bytes, tmp_pat
             read_submission(path)
 
 
+@pytest.mark.slow
 def test_board_has_the_rows_of_all_submitters_and_of_the_paper(small: Path, tmp_path: Path, msb: Msb) -> None:
     theirs = write_results(tmp_path / "theirs", datasets=["tanksandtemples"], methods=["two_dts"])
     ours = tmp_path / "ours.zip"

@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import pytest
 
 from msb.bench.aggregate import SCENES
 from msb.bench.documents import ChamferDocument
@@ -247,6 +248,7 @@ def text() -> str:
     return "\n\n".join(parts) + "\n"
 
 
+@pytest.mark.slow
 def test_text_of_reports_is_unchanged() -> None:
     assert text() == GOLDEN.read_text("utf-8")
 

@@ -163,6 +163,7 @@ def test_verdict_page_has_renderings_and_the_diagnostic_or_its_command(report: R
     assert command not in with_.words
 
 
+@pytest.mark.slow
 def test_films_are_embedded_if_small_and_linked_if_not(report: Report, small: Path, monkeypatch: Any) -> None:
     path = small / "videos" / "tanksandtemples" / "train" / "two_dts.mp4"
     path.parent.mkdir(parents=True)

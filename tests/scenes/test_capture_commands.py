@@ -63,6 +63,7 @@ def test_kinds_of_images_are_converted(msb: Msb, tmp_path: Path) -> None:
     assert {str(camera.name) for camera in (*scene.train, *scene.test)} == set(names)
 
 
+@pytest.mark.slow
 def test_folders_of_others_are_not_replaced(msb: Msb, tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "diary.txt").write_text("dear diary")

@@ -25,6 +25,7 @@ SCENE = ROOT / "data_stubs" / "scenes" / "nerf_synthetic" / "pebble"
 MODEL = ROOT / "data_stubs" / "models" / "pebble" / "mesh_splatting"
 
 
+@pytest.mark.slow
 def test_the_function_writes_the_files_of_the_command(here: Here, tmp_path: Path) -> None:
     files = ["--html", tmp_path / "command.html", "--screenshot", tmp_path / "command.png"]
     here("compare", "--tiers", "dedicated,standard", "--scale", "0.25", "--camera", "0", "--cameras", VIEWS,

@@ -194,6 +194,7 @@ def test_views_have_the_size_of_their_photographs_and_psnrs(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(("scale", "factor"), [((), 1), (("--scale", "0.25"), 0.25)])
+@pytest.mark.slow
 def test_a_scene_gives_its_test_views_as_a_run_evaluates_them(
     tmp_path: Path, scale: tuple[str, ...], factor: float
 ) -> None:

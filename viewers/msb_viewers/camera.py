@@ -11,18 +11,18 @@ from msb_viewers.model import ViewModel
 
 # Vertical field of view in radians.
 FOV_Y = math.radians(30)
-# Angles of the first view in radians. The first view shows three sides of an object, none of them edge-on.
+# Angles of the first view in radians. The first view shows three sides of an object at oblique angles.
 AZIMUTH, ELEVATION = math.radians(35), math.radians(20)
-# Distance of the first view, as a multiple of the smallest distance at which the whole mesh is visible.
+# Distance of the first view. At distance 1 the whole mesh just fits into the view.
 _MARGIN = 1.04
-# Distance from an element, in radii of the faces around it. The faces around the element then fill about half
-# of the window.
+# Distance between the camera and an element. The unit is the radius of the faces around the element. The
+# faces around the element then fill about half of the window.
 _NEIGHBOURHOOD = 4.5
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """The position of a camera, the point it looks at, and its up vector, each (3,) float64 in view units.
+    """The position of a camera, its target point, and its up vector, each (3,) float64 in view units.
 
     View units are the coordinates of `ViewModel.points`.
     """
@@ -49,9 +49,10 @@ def up_vector(axis: str) -> NDArray[np.float64]:
 
 
 def default_pose(axis: str, aspect: float) -> Pose:
-    """Return the first view. The unit sphere fills an area with the `aspect` width / height."""
+    """Return the first view of a mesh. The unit sphere fills an area; `aspect` is the width of this area
+    divided by its height."""
     up = up_vector(axis)
-    # The two other axes, so that (first, second, up) is a right-handed frame.
+    # Compute the two other axes, so that (first, second, up) is a right-handed frame.
     first = np.roll(np.abs(up), 1)
     second = np.cross(up, first)
     level = math.cos(AZIMUTH) * first + math.sin(AZIMUTH) * second
@@ -63,13 +64,13 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
     """Return a view of an element with `vertices` (k,). If possible, no other face hides the element.
 
     The result is None if the element has no finite position. The direction is chosen among about 100
-    candidates. The most important criterion is that no faces are between element and camera. Among the
-    directions with the fewest faces in between, the function prefers frontal views of the faces at the
-    element, and views close to the `current` view.
+    candidates. The most important criterion is that no faces are between element and camera. If several
+    directions have equally few faces in between, frontal views of the element are preferred. Views close to
+    the `current` view are also preferred.
     """
     if not bool(model.finite(vertices[None])[0]):
         return None
-    # The faces at the element, their radius, and the distance of the camera.
+    # Find the faces at the element and their radius, and compute the camera distance.
     points, faces = model.points, model.faces
     target = points[vertices].astype(np.float64).mean(axis=0)
     touching = np.zeros(len(points), bool)
@@ -81,16 +82,18 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
     # Other faces that can be between the element and the camera.
     blockers = np.flatnonzero(_may_reach(points, faces, target, distance) & model.drawn)
     blockers = np.setdiff1d(blockers, nearby, assume_unique=True)
-    # Candidate directions (m, 3): the current one, the normals of the faces, and 48 on a sphere.
+    # Candidate directions (m, 3): the current direction, the normals of the faces, and 48 directions on a
+    # sphere.
     prefer = _unit(current.eye - current.target)
     normals = _normals(points[faces[nearby]].astype(np.float64))
     directions = np.concatenate([prefer[None], normals, -normals, sphere(48)])[:120]
     facing = np.abs(directions @ normals.T).mean(axis=1) if len(normals) else np.ones(len(directions))
-    # Cast rays from the centre and from points near the vertices, and count the faces that they hit, (m,).
+    # Cast rays from the centre and from points near the vertices. Count the hit faces for each of the m
+    # directions.
     spots = [target, *(target + 0.7 * (points[vertices].astype(np.float64) - target))]
     triangles = points[faces[blockers]].astype(np.float64)
     hidden = sum(_hits(triangles, spot, directions, distance) for spot in spots)
-    if len(vertices) > 1:  # the view must not look along an edge
+    if len(vertices) > 1:  # the camera must not look along an edge
         along = _unit(points[vertices[1]].astype(np.float64) - points[vertices[0]])
         facing = facing + 1 - np.abs(directions @ along)
     score = facing + 0.5 * (directions @ prefer) - 10.0 * np.minimum(hidden, 9)
@@ -100,7 +103,10 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
 
 
 def component_pose(model: ViewModel, component: int, current: Pose, aspect: float) -> Pose | None:
-    """Return a view in the current direction whose image a component fills; None if it has no drawn face."""
+    """Return a view in the current direction, in which the component fills the image.
+
+    The result is None if the component has no drawn face.
+    """
     faces = model.faces[model.faces_of(component)]
     if len(faces) == 0:
         return None
@@ -113,7 +119,8 @@ def component_pose(model: ViewModel, component: int, current: Pose, aspect: floa
 
 
 def _fitting_distance(aspect: float) -> float:
-    """Return the distance from which a sphere fills a window with this aspect, in radii of the sphere."""
+    """Return the distance at which a sphere fills a window with this aspect. The unit is the radius of the
+    sphere."""
     narrow = min(FOV_Y, 2 * math.atan(math.tan(FOV_Y / 2) * max(aspect, 0.1)))
     return _MARGIN / math.sin(narrow / 2)
 
@@ -122,8 +129,8 @@ def _may_reach(
     points: NDArray[np.float32], faces: NDArray[Any], target: NDArray[np.float64], reach: float
 ) -> NDArray[np.bool_]:
     """Return a mask (F,) of faces that may intersect the cube around `target` with half-width `reach`."""
-    # Each vertex has six bits, one for each side of the cube. A bit is set if the vertex is beyond that side.
-    # If all vertices of a face have the same bit, the face is outside.
+    # Each vertex has six bits, one for each side of the cube. A bit is set if the vertex is outside that side
+    # of the cube. If all vertices of a face have the same bit, the face is outside.
     code = np.zeros(len(points), np.uint8)
     for axis in range(3):
         away = points[:, axis] - np.float32(target[axis])
@@ -138,7 +145,8 @@ def _hits(
     directions: NDArray[np.float64],
     reach: float,
 ) -> NDArray[Any]:
-    """Return the number of triangles (n, 3, 3) that each of m rays hits, for unit directions (m, 3).
+    """Cast m rays in unit directions (m, 3). Return for each ray the number of triangles (n, 3, 3) that it
+    hits.
 
     Rays start at `origin` and have the length `reach`.
     """
@@ -151,7 +159,7 @@ def _hits(
         sides = np.stack([np.cross(p, q) @ direction for p, q in ((a, b), (b, c), (c, a))])
         inside = (sides > 0).all(axis=0) | (sides < 0).all(axis=0)
         along = normal @ direction
-        # The distance along the ray is height / along. Compare it without a division.
+        # The distance along the ray is height / along. Compare the distance along the ray without a division.
         counts[row] = np.count_nonzero(
             inside & (height * along > 0) & (np.abs(height) < reach * np.abs(along))
         )

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 _BOX = 1.02
 # Maximum distance in pixels between press and release of a click.
 _CLICK = 4
-# Priority of these handlers. These handlers must run before those of VTK's interactor style, because that
-# style also uses most keys.
+# Priority of the event handlers below. These event handlers must run before the handlers of VTK's
+# interactor style, because that style also uses most keys.
 _FIRST = 10.0
-# Name of a key in VTK or X11, or a second key for an action -> name in `TopologyControls.keys`.
+# Names of VTK or X11 keys, and the names of the same keys in `TopologyControls.keys`.
 _NAMES = {
     "[": "bracketleft",
     "]": "bracketright",
@@ -30,7 +30,7 @@ _NAMES = {
 class TopologyControls:
     """Keyboard and mouse actions on a viewer. `key` and `click` also work without a window.
 
-    The origin of pixels is the top left corner.
+    Pixel coordinates start at the top left corner.
     """
 
     def __init__(self, viewer: TopologyViewer) -> None:
@@ -164,7 +164,7 @@ class TopologyControls:
         return False
 
     def _toggle_box(self) -> None:
-        """Switch the clipping box on or off. In a window the box has handles to drag."""
+        """Switch the clipping box on or off. In a window the clipping box has handles to drag."""
         viewer = self.viewer
         if viewer.stage.box is not None:
             viewer.set_box(None)
@@ -216,7 +216,7 @@ def _listen(target: Any, event: str, handler: Callable[[], bool]) -> None:
 
 
 def _free_name(name: str) -> Path:
-    """Return an unused file name in the current folder for a screenshot of the file `name`."""
+    """Return an unused file name in the current folder for a screenshot. The file name begins like `name`."""
     stem = Path(name).stem or "mesh"
     number = 1
     while (path := Path(f"{stem}_view_{number}.png")).exists():

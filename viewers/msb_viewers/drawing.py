@@ -1,6 +1,6 @@
 """Create VTK actors from arrays: unlit surfaces, lines, markers, and images over the view.
 
-VTK is imported inside the functions, so that importing this module does not load it.
+Functions import VTK when called, so that importing this module does not load VTK.
 """
 
 from collections.abc import Iterable
@@ -43,13 +43,13 @@ _TEXEL = """
   gl_FragData[0] = vec4(mix(12.92 * light, curve, step(0.0031308, light)), 1.0);
 """
 _WRAP_CODE = {
-    # GLSL code that wraps coordinate {c}. This code is needed if u and v wrap differently, because VTK has a
-    # single mode for both. {rim} is half a texel.
+    # GLSL code that wraps the texture coordinate {c}. The code is needed if u and v wrap differently,
+    # because VTK has a single wrap mode for both coordinates. {rim} is half a texel.
     "repeat": "",
     "mirror": "place.{c} = clamp(1.0 - abs(mod(place.{c}, 2.0) - 1.0), {rim}, 1.0 - {rim}); ",
     "clamp": "place.{c} = clamp(place.{c}, {rim}, 1.0 - {rim}); ",
 }
-# Wrap -> constant of VTK (`vtkTexture.ClampToEdge`, `Repeat`, `MirroredRepeat`).
+# For each wrap mode, the constant of VTK (`vtkTexture.ClampToEdge`, `Repeat`, `MirroredRepeat`).
 _WRAPS = {"clamp": 0, "repeat": 1, "mirror": 2}
 # Offset of markers and lines towards the camera, in steps of the depth buffer, so that the surface does not
 # hide them.
@@ -57,7 +57,7 @@ _POINT_OFFSET, _LINE_OFFSET = -16.0, -8.0
 
 
 def silence_vtk() -> None:
-    """Keep VTK from writing to standard error. Relevant errors are detected and reported separately."""
+    """Keep VTK from writing to standard error. Other code detects and reports relevant errors."""
     from vtkmodules.vtkCommonCore import vtkLogger, vtkObject
 
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
@@ -73,9 +73,10 @@ def surface(
     shade: float = 0.0,
     color: Color = (205, 205, 205),
 ) -> Any:
-    """Return an actor of triangles (n, 3) with `colors` (V | n | 3n, 3), sRGB bytes, or a uniform `color`.
+    """Return an actor of triangles (n, 3) with `colors` (V | n | 3n, 3) in sRGB bytes, or with a uniform
+    `color`.
 
-    `domain` of the colours is vertex, face or corner. `shade` in [0, 1] is the loss of brightness of a
+    The `domain` of the colours is vertex, face or corner. `shade` in [0, 1] is the loss of brightness of a
     face that is seen edge-on; 0 is unlit.
     """
     if domain == "corner" and colors is not None:
@@ -111,14 +112,14 @@ def textured(
 ) -> Any:
     """Return an unlit actor of triangles (n, 3) with the texture `image` (H, W, 3 | 4) at `uvs` (n, 3, 2).
 
-    The texture is multiplied with corner colours `tint` (3n, 4), and not drawn where alpha is below `cutoff`.
-    Filtering and multiplication are in linear light, as on the standard tier. One difference remains: tints
-    are decoded at each pixel here, but at each corner on the standard tier.
+    The texture is multiplied by corner colours `tint` (3n, 4), and is not drawn where alpha is below
+    `cutoff`. Filtering and multiplication are in linear light, as on the standard tier (opaque rendering).
+    The standard tier decodes tints at each corner; this actor decodes tints at each pixel.
     """
     from vtkmodules.vtkCommonDataModel import vtkImageData
     from vtkmodules.vtkRenderingCore import vtkTexture
 
-    # The surface with white or tinted corners, and texture coordinates.
+    # Create the surface with texture coordinates and corner colours; without tints, the corners are white.
     white = np.full((faces.size, 4), 255, np.uint8) if tint is None else tint
     actor = surface(points, faces, white, "corner")
     actor.GetMapper().GetInput().GetPointData().SetTCoords(_vtk(uvs.reshape(-1, 2)))
@@ -133,7 +134,7 @@ def textured(
     texture.SetInterpolate(sampler.filter == "linear")
     texture.SetMipmap(sampler.mipmaps)
     texture.SetMaximumAnisotropicFiltering(1.0)
-    # Different wrap modes of u and v are implemented in the shader.
+    # The shader implements different wrap modes of u and v.
     wraps = sampler.wrap_u, sampler.wrap_v
     texture.SetWrap(_WRAPS[wraps[0]] if wraps[0] == wraps[1] else vtkTexture.Repeat)
     wrap_code = ""
@@ -182,7 +183,7 @@ def markers(points: NDArray[np.float32], color: Color, shape: str, size: float) 
 
 
 def clip(actors: Iterable[Any], box: NDArray[Any] | None) -> None:
-    """Draw only what is inside a box (3, 2), low and high per axis; None draws everything."""
+    """Draw only the part inside a box (3, 2) with low and high ends per axis; None draws everything."""
     from vtkmodules.vtkCommonDataModel import vtkPlane
 
     planes = []
@@ -228,7 +229,7 @@ class Overlay:
         self.actor.SetVisibility(True)
 
     def place(self, left: int, bottom: int) -> None:
-        """Put the lower left corner at a pixel of the window."""
+        """Put the lower left corner of the image at a pixel of the window."""
         self.actor.SetDisplayPosition(left, bottom)
 
     def hide(self) -> None:

@@ -15,11 +15,11 @@ from msb_viewers.model import ViewModel
 from msb_viewers.palette import FAN_COLORS, INK, STYLES
 from msb_viewers.sheet import Panel, list_panel
 
-# Minimum displacement of a fan, in radii of the faces at the vertex.
+# Minimum distance by which a fan is moved. The unit is the radius of the faces at the vertex.
 _APART = 0.6
-# Length of the arc that each fan takes on the circle, in radii of the faces at the vertex.
+# Length of the arc for each fan on the circle. The unit is the radius of the faces at the vertex.
 _ROOM = 0.9
-# Maximum number of fans that are drawn. More fans would overlap; the text counts all fans.
+# Maximum number of fans that are drawn. More fans would overlap in the drawing; the text counts all fans.
 _MOST_FANS = 12
 # Maximum number of lines of text.
 _MOST_LINES = 8
@@ -27,10 +27,11 @@ _MOST_LINES = 8
 
 @dataclass(frozen=True, eq=False)
 class Fan:
-    """A fan: its faces (n,), and their positions in the drawing.
+    """A fan: its faces (n,), and the positions of these faces in the drawing.
 
-    `triangles` (n, 3, 3) are relative to the vertex, in radii of its neighbourhood, and moved by `offset`.
-    `boundary` and `crowded` (k, 2, 3) are edges at the vertex with one face and with more than two.
+    `triangles` (n, 3, 3) are relative to the vertex and moved by `offset`. The unit is the radius of the
+    faces at the vertex. `boundary` (k, 2, 3) contains the edges at the vertex with one face. `crowded` (k, 2,
+    3) contains the edges with more than two faces.
     """
 
     number: int
@@ -50,14 +51,15 @@ class Neighbourhood:
     fan_count: int
     group_count: int
     on_crowded_edge: bool
-    # Axes (3, 3) of the view with the fans side by side. The rows are right, up and towards the camera.
+    # Axes (3, 3) of the view that shows the fans side by side. The three rows point right, up and towards
+    # the camera.
     frame: NDArray[np.float64]
 
     @property
     def verdict(self) -> str:
         """The kind of the vertex as text."""
         if self.fan_count == 0:
-            return "no valid face uses it"
+            return "no valid face uses this vertex"
         if self.fan_count == 1:
             return "manifold: one fan"
         kinds = ["bow-tie"] if self.group_count > 1 else []
@@ -65,7 +67,7 @@ class Neighbourhood:
         return f"non-manifold: {self.fan_count} fans ({', '.join(kinds)})"
 
     def lines(self) -> list[str]:
-        """Return a line of text for each fan that is drawn, and the number of others."""
+        """Return one line of text for each drawn fan, and a last line with the number of hidden fans."""
         texts = [
             f"fan {fan.number}: {_plural(len(fan.faces), 'face')}, {'closed' if fan.closed else 'open'}"
             for fan in self.fans
@@ -75,8 +77,8 @@ class Neighbourhood:
 
 
 def find_neighbourhood(model: ViewModel, vertex: int) -> Neighbourhood:
-    """Return the fans at `vertex`, each moved away from it. O(F) time."""
-    # Valid faces (n,) with a corner at the vertex, and the fan of each.
+    """Return the fans at `vertex`, each moved away from the vertex. O(F) time."""
+    # Valid faces (n,) with a corner at the vertex, and the fan of each face.
     analysis, faces = model.analysis, model.faces
     rows, corners = np.nonzero(faces == vertex)
     fan_of = analysis.fans.corner_fan[3 * rows + corners]
@@ -88,9 +90,9 @@ def find_neighbourhood(model: ViewModel, vertex: int) -> Neighbourhood:
     radius = float(np.linalg.norm(triangles, axis=2).max(initial=0.0)) or 1.0
     triangles /= radius
     fan_numbers, part = np.unique(fan_of, return_inverse=True)
-    # The largest fans first, because they look like the surface.
+    # Sort the fans by size, the largest fan first.
     order = np.argsort(-np.bincount(part, minlength=len(fan_numbers)), kind="stable")[:_MOST_FANS]
-    # Move each fan along the direction of its centroid in the plane of the view.
+    # Move each fan along the direction of its centroid in the view plane.
     frame = _frame(triangles, part)
     towards = np.array([triangles[part == index].mean(axis=(0, 1)) for index in order]).reshape(-1, 3)
     offsets = _spread(towards @ frame[:2].T) @ frame[:2]
@@ -115,15 +117,16 @@ def _fan(
     triangles: NDArray[np.float64],
     offset: NDArray[np.float64],
 ) -> Fan:
-    """Return a fan of the faces `rows` (n,); `corners` (n,) tells which of their corners is at the vertex."""
-    # The two half-edges that each face has at the vertex, and the vertices at their other ends.
+    """Return a fan of the faces `rows` (n,); `corners` (n,) tells which corner of each face is at the
+    vertex."""
+    # The two half-edges of each face at the vertex, and the vertices at their other ends.
     leaving, coming = 3 * rows + corners, 3 * rows + (corners + 2) % 3
     faces_at_edge = model.analysis.mesh.multiplicity
     edge = model.analysis.mesh.edge
     index = np.arange(len(rows))
     far = np.concatenate([triangles[index, (corners + 1) % 3], triangles[index, (corners + 2) % 3]])
     number_of = np.concatenate([edge[leaving], edge[coming]])
-    # Edges at the vertex without repeats, with their number of faces.
+    # The distinct edges at the vertex, with their number of faces.
     _, once = np.unique(number_of, return_index=True)
     count = faces_at_edge[number_of[once]]
     spokes = np.stack([np.zeros((len(once), 3)), far[once]], axis=1) + offset
@@ -157,13 +160,14 @@ def _spread(directions: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _frame(triangles: NDArray[np.float64], part: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the axes (3, 3) right, up and towards the camera of a view that shows all fans well.
+    """Return the axes (3, 3) of a view that shows all fans well. The rows point right, up and towards the
+    camera.
 
     `part` (n,) is the fan of each of the `triangles` (n, 3, 3).
     """
     if len(triangles) == 0:
         return np.eye(3)
-    # The fraction of each fan's area that is visible as projected area, in 128 directions.
+    # Visible fraction of each fan's area, projected along 128 directions.
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     directions = sphere(128)
     seen = np.zeros((part.max() + 1, len(directions)))
@@ -172,7 +176,7 @@ def _frame(triangles: NDArray[np.float64], part: NDArray[Any]) -> NDArray[np.flo
     share = seen[whole > 0] / whole[whole > 0, None]
     if len(share) == 0:
         return np.eye(3)
-    # Maximise the worst visibility of a fan, then the average of all fans.
+    # Maximise the worst visibility of a fan first, then the average of all fans.
     forward = directions[int(np.argmax(share.min(axis=0) + 0.1 * share.mean(axis=0)))]
     right = np.cross(np.eye(3)[int(np.argmin(np.abs(forward)))], forward)
     right /= np.linalg.norm(right)
@@ -184,7 +188,7 @@ def _plural(count: int, word: str) -> str:
 
 
 class Inset:
-    """The renderer in the lower right corner that draws the fans, and the text above it."""
+    """The renderer in the lower right corner that draws the fans, and the text above this corner."""
 
     def __init__(self, window: Any, layer: int) -> None:
         from vtkmodules.vtkRenderingCore import vtkRenderer
@@ -198,7 +202,7 @@ class Inset:
         self.panel: Panel | None = None
 
     def show(self, model: ViewModel, vertex: int | None, scale: float) -> str:
-        """Show the fans of a vertex, or nothing if it is None; return the message for the status line."""
+        """Show the fans of a vertex, or nothing for None; return the message for the status line."""
         self.renderer.RemoveAllViewProps()
         self.renderer.SetDraw(vertex is not None)
         if vertex is None:
@@ -230,7 +234,7 @@ class Inset:
         camera.SetFocalPoint(*middle)
         camera.SetPosition(*(middle + 10 * frame[2]))
         camera.SetViewUp(*frame[1])
-        # Draw without perspective, so that fans side by side do not cover each other.
+        # Draw without perspective, so that neighbouring fans do not cover each other.
         camera.SetParallelProjection(True)
         camera.SetParallelScale(1.1 * max(float((high - low)[:2].max()) / 2, 1e-3))
         self.renderer.ResetCameraClippingRange()
@@ -274,7 +278,7 @@ def number_label(fan: Fan, scale: float) -> Any:
 
 
 def size_of(window: tuple[int, int], panel: Panel) -> int:
-    """Return the side in pixels of the square for the fans, which is below the text."""
+    """Return the side length in pixels of the square below the text, in which the fans are drawn."""
     width, height = window
     return max(min(int(panel.image.shape[1]), height - int(panel.image.shape[0]) - 40, width // 3), 60)
 

@@ -1,6 +1,6 @@
 """The paper's figure of topology diagnostics, for any mesh.
 
-Each of its four columns has an overview and a close-up.
+Each of the figure's four columns has an overview and a close-up.
 """
 
 from __future__ import annotations
@@ -26,12 +26,11 @@ if TYPE_CHECKING:
 
 # Side of an image in pixels: 3.2 inches on paper at 200 dots per inch.
 _SIDE = 640
-# Distance of a close-up, relative to the distance of `element_pose`.
+# Factor for the camera distance of a close-up; `element_pose` gives the distance for factor 1.
 _CLOSER = 0.9
 # Dots per inch of the file.
 _DPI = 130
-# Lines and markers are enlarged by this factor, because each image in the figure is reduced to about 400
-# pixels.
+# Scale of lines and markers. Each image of the figure is later reduced to about 400 pixels.
 _BOOST = 1.4
 
 
@@ -40,11 +39,11 @@ class Column:
     """A column of the figure."""
 
     title: str
-    # The layers that are drawn.
+    # The drawn layers of a column.
     kinds: tuple[str, ...]
     # The colouring of the mesh.
     coloring: str
-    # The text in place of a close-up if there is no such element.
+    # The text that replaces the close-up if the mesh has no element of this kind.
     nothing: str
 
 
@@ -62,13 +61,13 @@ COLUMNS = (
 
 
 def write_figure(model: ViewModel, path: Path, *, up: str | None = None, dpi: int = _DPI) -> None:
-    """Write the figure: each diagnosis on the whole mesh and as a close-up of an example."""
+    """Write the figure: each diagnosis on the whole mesh, and as a close-up of an example."""
     from msb.base.atomic import new_file
 
     need_extra("view", "matplotlib", what="a figure")
     buffer = io.BytesIO()
     kind = path.suffix.lower()[1:]
-    # No date in the file, so that the same mesh gives the same bytes.
+    # The file has no date, so that equal meshes give equal bytes.
     stamp: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
     compose(model, render_columns(model, up)).savefig(
         buffer, format=kind, dpi=dpi, metadata=stamp[kind], facecolor="white"
@@ -126,7 +125,7 @@ def _close_up(viewer: TopologyViewer, column: Column) -> Pose | None:
     else:
         if len(model.sizes) < 2:
             return None
-        # The element is one of the 12 largest components after the first.
+        # Find faces of the second to the thirteenth largest component.
         first = np.flatnonzero((model.face_component >= 1) & (model.face_component <= 12) & model.drawn)
         candidates = model.faces[first]
     if len(candidates) == 0:
@@ -180,7 +179,7 @@ def compose(model: ViewModel, images: list[tuple[NDArray[np.uint8], NDArray[np.u
 
 def _placeholder(model: ViewModel, column: Column) -> str:
     if model.soup and "boundary_edges" in column.kinds:
-        return "triangle soup:\nno vertices are shared,\nso every edge is a boundary"
+        return "triangle soup: no vertices are shared, so every edge is a boundary edge"
     return column.nothing
 
 

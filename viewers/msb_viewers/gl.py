@@ -1,4 +1,4 @@
-"""Check whether VTK can draw, in a child process, because VTK ends the process if there is no OpenGL."""
+"""Check in a child process whether VTK can draw, because VTK ends the process without OpenGL."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from msb.base.extras import need_extra
 from msb.errors import UsageError
 
-# Program of the child process: it draws 8 x 8 pixels and reads them.
+# Program of the child process: it draws 8 x 8 pixels and reads the pixels back.
 PROBE = """
 from vtkmodules.vtkCommonCore import vtkLogger, vtkObject
 vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
@@ -30,9 +30,10 @@ pixels = picture.GetOutput().GetPointData().GetScalars()
 print("drawn" if pixels.GetTuple3(0) == (255.0, 0.0, 255.0) else "black")
 """
 NO_GL = (
-    "VTK cannot draw: there is neither a display, nor EGL, nor OSMesa. Install one of them: on Debian and "
+    "VTK cannot draw: this machine has no display, no EGL and no OSMesa. Install EGL or OSMesa: on Debian "
+    "and "
     "Ubuntu apt install libegl1 libgl1-mesa-dri (or libosmesa6), on Fedora dnf install mesa-libEGL "
-    "mesa-dri-drivers, without root conda install -c conda-forge mesalib. --html works without them"
+    "mesa-dri-drivers, without root conda install -c conda-forge mesalib. --html needs no OpenGL"
 )
 NO_DISPLAY = (
     "a window needs a display; without one use msb view --screenshot FILE.png or msb view --html FILE.html"
@@ -43,16 +44,16 @@ _SECONDS = 60
 
 @dataclass
 class GlProbe:
-    """A test in a child process, which runs until `check` is called."""
+    """A test of VTK in a child process, which runs until `check` is called."""
 
     process: subprocess.Popen[str] | None
 
     @classmethod
     def start(cls) -> GlProbe:
-        """Start the test whether VTK can draw."""
+        """Start the test of VTK."""
         need_extra("view", "pyvista", "vtkmodules", what="the viewer", instead="--html works without it")
         if sys.platform in ("win32", "darwin"):
-            return cls(None)  # OpenGL is part of the system
+            return cls(None)  # Windows and macOS contain OpenGL
         command = [sys.executable, "-c", PROBE]
         quiet = subprocess.DEVNULL
         return cls(subprocess.Popen(command, stdin=quiet, stdout=subprocess.PIPE, stderr=quiet, text=True))
@@ -71,7 +72,7 @@ class GlProbe:
             raise UsageError("VIEW_NO_DISPLAY", NO_GL)
 
     def close(self) -> None:
-        """Kill the child if it still runs."""
+        """Kill the child process if it still runs."""
         if self.process is not None and self.process.poll() is None:
             self.process.kill()
             self.process.wait()
@@ -80,7 +81,7 @@ class GlProbe:
 
 
 def check_display() -> None:
-    """Check that there is a display for a window, and raise VIEW_NO_DISPLAY otherwise."""
+    """Check that a window has a display; raise VIEW_NO_DISPLAY otherwise."""
     if sys.platform in ("win32", "darwin"):
         return
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):

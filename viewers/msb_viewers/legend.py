@@ -55,7 +55,7 @@ def _layer_row(sheet: Sheet, state: ViewState, kind: str) -> None:
     middle = (sheet.px(51), top + sheet.px(ROW) / 2)
     draw_symbol(sheet.draw, style, middle, sheet.px(28), sheet.scale)
     sheet.text(72, style.label, 12.5, color, bold=active)
-    if active:  # mark the layer through which the keys N and P step
+    if active:  # mark the layer in which the keys N and P step
         x, y, r = sheet.px(4), top + sheet.px(ROW) / 2, sheet.px(5)
         sheet.draw.polygon([(x, y - r), (x, y + r), (x + r, y)], HIGHLIGHT)
     sheet.text(-28, f"{count:,}", 12.5, color)
@@ -80,7 +80,7 @@ def _component_row(sheet: Sheet, state: ViewState) -> None:
     sheet.targets.append((top, sheet.y, "components"))
     if not on or not len(state.model.sizes):
         return
-    # One row for each class of sizes, beginning with the largest component.
+    # One row for each size class, beginning with the largest component.
     rows = [(NEUTRAL, f"largest: {int(state.model.sizes[0]):,} faces", 1)]
     rows += [(c.color, size_label(c.low, c.high), c.components) for c in reversed(state.model.size_classes())]
     for color, label, count in rows:

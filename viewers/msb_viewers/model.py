@@ -27,18 +27,18 @@ _WORST_FIRST = (
     "multifan_vertices",
     "boundary_edges",
 )
-# Maximum number of elements that are visible at first. With more elements the view is hard to read.
+# Maximum total number of elements that are visible at first. With more elements the view is hard to read.
 _VISIBLE_AT_FIRST = 12_000
 # Number of vertices that are sampled for the first view.
 _FRAMING_SAMPLE = 100_000
-# If the sphere around all vertices is larger than the sphere around 95 % of them by more than this factor,
-# the first view ignores distant vertices.
+# Ratio of the radii of two spheres: a sphere around all vertices, and a sphere around 95 % of the vertices.
+# Above this ratio, the first view leaves out distant vertices.
 _FAR_OUT = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """The elements of one kind: their indices in the audit (n,) and their vertices (n, 1 | 2 | 3), integers.
+    """The elements of one kind: their indices in the audit (n,), and their vertices (n, 1 | 2 | 3), integers.
 
     Edges are indexed in the order of their vertex pairs.
     """
@@ -63,13 +63,13 @@ class SizeClass:
 
 @dataclass(frozen=True, eq=False)
 class ViewModel:
-    """A mesh, its audit, and everything that a view can show.
+    """A mesh, its audit, and all data that a view can show.
 
-    `points` (V, 3) are in view units: the stored position is ``center + scale * point``, and the first view
+    `points` (V, 3) are in view units. The stored position is ``center + scale * point``, and the first view
     shows the unit sphere. float32 is then precise enough for georeferenced meshes, and cannot overflow. A
-    vertex that is not `drawable` is at the origin, and no face in `drawn` uses it. `face_component` (F,) is 0
-    in the largest component, and -1 for faces that list a vertex twice. `sizes` are the numbers of faces of
-    the components in descending order. `layers` maps kinds to layers, in the order of the legend.
+    vertex that is not `drawable` is at the origin, and no face in `drawn` uses it. `face_component` (F,) is
+    0 in the largest component, and -1 for faces that list a vertex twice. `sizes` are the numbers of faces
+    of the components in descending order. `layers` maps kinds to layers, in the order of the legend.
     """
 
     name: str
@@ -97,7 +97,8 @@ class ViewModel:
         return self.audit.judged.topology == "triangle_soup" and len(self.faces) > 1
 
     def row_in_file(self, vertex: int) -> int:
-        """Return the number of a vertex in the file; the first one if vertices are merged at seams."""
+        """Return the number of a vertex in the file. A vertex that was merged at seams has several numbers;
+        the function returns the first of these numbers."""
         return vertex if self.seams is None else int(self.seams.first[vertex])
 
     def vertex_of_row(self, row: int) -> int | None:
@@ -107,7 +108,7 @@ class ViewModel:
 
     @property
     def extent(self) -> float:
-        """Distance from the origin to the farthest point, in view units."""
+        """Distance from the origin to the farthest point in view units."""
         return float(np.sqrt((self.points.astype(np.float64) ** 2).sum(axis=1).max(initial=0.0)))
 
     def finite(self, vertices: NDArray[Any]) -> NDArray[np.bool_]:
@@ -118,7 +119,7 @@ class ViewModel:
         """Return the layers that are visible at first: the most severe layers, up to a total number of
         elements.
 
-        In a triangle soup all edges are boundary edges, and they are never visible at first.
+        In a triangle soup all edges are boundary edges, which are hidden at first.
         """
         visible: set[str] = set()
         total = 0
@@ -133,11 +134,12 @@ class ViewModel:
         return visible
 
     def positions(self, kind: str, *, component: int | None = None) -> NDArray[np.float32]:
-        """Return the vertex positions (n, k, 3) of a layer's drawable elements, in one or all components."""
+        """Return the vertex positions (n, k, 3) of the elements of a layer that can be drawn. `component`
+        selects one component; None selects all components."""
         return np.asarray(self.points[self.layers[kind].vertices[self.rows(kind, component)]])
 
     def rows(self, kind: str, component: int | None = None) -> NDArray[Any]:
-        """Return the indices (n,) of a layer's drawable elements, in all components or in one."""
+        """Return the indices (n,) of a layer's drawable elements in all components or in one component."""
         layer = self.layers[kind]
         keep = self.finite(layer.vertices)
         if component is not None:
@@ -150,7 +152,7 @@ class ViewModel:
         if layer.style.of == "face":
             return np.asarray(inside[layer.numbers])
         if layer.style.of == "edge":
-            # All faces at an edge belong to the same component. Use the first one.
+            # All faces at an edge belong to the same component. Use the first face of the edge.
             mesh = self.analysis.mesh
             return np.asarray(inside[mesh.edge_halfedges[mesh.edge_offsets[layer.numbers]] // 3])
         marked = np.zeros(len(self.points), bool)
@@ -158,25 +160,26 @@ class ViewModel:
         return np.asarray(marked[layer.numbers])
 
     def faces_of(self, component: int | None) -> NDArray[Any]:
-        """Return the indices of the faces to draw, of one component or of all."""
+        """Return the indices of the faces to draw, in one component or in all."""
         return np.flatnonzero(
             self.drawn if component is None else self.drawn & (self.face_component == component)
         )
 
     def _class_of_components(self) -> NDArray[np.uint8]:
-        """Return a number for each component: 0 for the largest, else 1 + its index in SIZE_CLASSES."""
+        """Return a number for each component: 0 for the largest, otherwise 1 + its index in SIZE_CLASSES."""
         lows = np.array([low for low, _, _ in SIZE_CLASSES])
         classes = np.searchsorted(lows, self.sizes, "right").astype(np.uint8)
         classes[:1] = 0
         return classes
 
     def size_class_of_faces(self) -> NDArray[np.uint8]:
-        """Return the number of the size class of each face (F,), as in `_class_of_components`."""
+        """Return the number of the size class of each face (F,), numbered as in `_class_of_components`."""
         # Faces that list a vertex twice have component -1, which selects the last entry. They are invisible.
         return np.asarray(np.append(self._class_of_components(), np.uint8(0))[self.face_component])
 
     def component_colors(self) -> NDArray[np.uint8]:
-        """Return a colour for each face (F, 3): grey in the largest component, else by size class."""
+        """Return a colour for each face (F, 3): grey in the largest component, otherwise the colour of the
+        size class."""
         table = np.array([NEUTRAL, *(color for _, _, color in SIZE_CLASSES)], np.uint8)
         return np.asarray(table[self.size_class_of_faces()])
 
@@ -197,11 +200,11 @@ class ViewModel:
 def build_model(
     mesh: ViewedMesh, audit: Audit, analysis: Analysis, stored: Analysis | None = None
 ) -> ViewModel:
-    """Return the data of a view of `mesh`, with its `audit` and `analysis` from `audit_arrays`.
+    """Return the data of a view of `mesh`. `audit` and `analysis` are the results of `audit_arrays`.
 
     If the seams of `mesh` are merged (`merge_seams`), `stored` is the analysis of the mesh in the file.
 
-    O(V + F) time, and about 12 V + 17 F bytes besides the memory of the audit and the layers.
+    The function takes O(V + F) time, and about 12 V + 17 F bytes in addition to the audit and the layers.
     """
     from msb.topology.elements import ElementGroup, find_elements
 
@@ -245,7 +248,7 @@ def build_model(
 
 
 def _layers(analysis: Analysis, groups: dict[str, Any]) -> dict[str, Layer]:
-    """Return the layers of the audit's groups of elements."""
+    """Return the layers for the audit's groups of elements."""
     mesh = analysis.mesh
     layers = {}
     for kind, style in STYLES.items():
@@ -264,11 +267,12 @@ def frame_vertices(
 ) -> tuple[NDArray[np.float64], float, str | None]:
     """Return centre and radius of the sphere of the first view, and a note if some vertices are outside.
 
-    Only `vertices` (V, 3) with a true value in `use` (V,) count. Usually the sphere is centred in the
-    bounding box of these vertices and contains all of them. A few distant vertices, such as an outdoor
-    background, can make the sphere very large. In this case the sphere contains only 95 % of the vertices.
+    The sphere is computed from the `vertices` (V, 3) for which `use` (V,) is true. Usually the sphere is
+    centred in the bounding box of these vertices and contains all of them. A few distant vertices, such as an
+    outdoor background, can make the sphere very large. If there are distant vertices, the sphere contains
+    only 95 % of the vertices.
     """
-    # The sphere of all vertices.
+    # Compute the sphere of all vertices.
     rows = np.flatnonzero(use)
     if len(rows) == 0:
         return np.zeros(3), 1.0, None
@@ -276,7 +280,7 @@ def frame_vertices(
     low, high = used.min(axis=0), used.max(axis=0)
     center = low / 2 + high / 2
     radius = _largest_distance(used, center)
-    # The sphere around the median of a sample of vertices, with the radius that contains 95 % of the sample.
+    # Compute a sphere around the median of a sample of vertices; its radius contains 95 % of the sample.
     sample = used[:: max(len(used) // _FRAMING_SAMPLE, 1)]
     middle = np.median(sample, axis=0)
     with np.errstate(over="ignore"):

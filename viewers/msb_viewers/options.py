@@ -1,4 +1,4 @@
-"""Options of the first view. This module imports no viewer, so that the help of the command is fast."""
+"""Options of the first view. This module imports no viewer, so that the command's help is fast."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -8,7 +8,7 @@ from msb.base.option import Option
 
 @dataclass(frozen=True)
 class ViewOptions:
-    """The layers, colours and position of the first view."""
+    """The visible layers, colours and position of the first view."""
 
     show: Annotated[
         tuple[str, ...],
@@ -17,7 +17,7 @@ class ViewOptions:
     at: Annotated[
         str | None,
         Option(
-            "Go to the N-th element of a layer, or to vertex V and show its fans.",
+            "Go to the N-th element of a layer, or to vertex V, and show the fans of this vertex.",
             ("--at", "--vertex"),
             metavar="LAYER:N|V",
         ),
@@ -25,5 +25,5 @@ class ViewOptions:
     component: Annotated[int | None, Option("Show only the N-th largest component.", least=1)] = None
     colors: Annotated[
         Literal["own", "components", "grey"] | None,
-        Option("Colouring of the mesh: its own colours (default), by component, or grey."),
+        Option("Colouring of the mesh: own (the colours of the mesh, default), by component, or grey."),
     ] = None

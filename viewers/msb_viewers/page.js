@@ -3,7 +3,7 @@ const canvas = byId("view");
 const state = { coloring: meta.colored ? "own" : "grey", visible: new Set(meta.visible), active: meta.active,
   cursor: {}, chosen: null, legend: innerWidth > 640 };
 
-// Decompress the arrays of the page: name -> typed array.
+// Decompress the arrays of the page; the result maps names to typed arrays.
 async function unpack() {
   const element = byId("data");
   const text = element.textContent;
@@ -77,7 +77,7 @@ const SURFACE = [`#version 300 es
     float facing = dark > 0.0 ? abs(dot(normal, light == vec3(0.0) ? normalize(eye - place) : light)) : 1.0;
     result = vec4(shade.rgb * (1.0 - dark * (1.0 - facing)), 1.0);
   }`];
-// A line is a quad around its two ends. Its width is in pixels.
+// A line is drawn as a quad around its two ends. The width of the quad is in pixels.
 const LINE = [`#version 300 es
   in vec3 first; in vec3 second; uniform mat4 matrix; uniform vec2 size; uniform float width; uniform float nearer; uniform float depth; out float along;
   void main() {
@@ -131,13 +131,13 @@ function upload(array) {
   gl.bufferData(gl.ARRAY_BUFFER, array, gl.STATIC_DRAW);
   return buffer;
 }
-// Positions of vertices, three numbers each.
+// Positions of vertices, with three numbers each.
 function gathered(indices) {
   const out = new Float32Array(indices.length * 3);
   for (let i = 0; i < indices.length; i++) for (let k = 0; k < 3; k++) out[3 * i + k] = data.points[3 * indices[i] + k];
   return out;
 }
-// Colours of the corners of all faces for the current colouring, RGBA bytes.
+// Colours of the corners of all faces for the current colouring, as RGBA bytes.
 function cornerColors() {
   const faces = data.faces, out = new Uint8Array(faces.length * 4).fill(255);
   const put = (i, from, at) => { for (let k = 0; k < 3; k++) out[4 * i + k] = from[3 * at + k]; };
@@ -152,7 +152,7 @@ function cornerColors() {
   } else for (let i = 0; i < faces.length; i++) put(i, meta.grey, 0);
   return out;
 }
-// Upload the textures, scaled down to the maximum size of the GPU. In sRGB format they are filtered in linear light.
+// Upload the textures, scaled down to the maximum size of the GPU. The GPU filters sRGB textures in linear light.
 async function textures() {
   const { filter, mipmaps, wrap_u, wrap_v } = meta.skin, largest = gl.getParameter(gl.MAX_TEXTURE_SIZE);
   const wrap = { repeat: gl.REPEAT, clamp: gl.CLAMP_TO_EDGE, mirror: gl.MIRRORED_REPEAT };

@@ -17,15 +17,15 @@ from msb_viewers.palette import BACKGROUND, HIGHLIGHT, NEUTRAL, SIZE_CLASSES, si
 from msb_viewers.state import ViewState
 from msb_viewers.template import build_page
 
-# Number of faces above which the command warns. A browser needs at least 48 bytes per face (3 corners of 16
-# bytes), and twice as much while it loads the page.
+# Number of faces above which the command prints a warning. A browser needs at least 48 bytes per face (3
+# corners of 16 bytes), and twice as much while loading the page.
 LARGE = 2_000_000
 
 
 def write_page(
     model: ViewModel, path: Path, *, state: ViewState | None = None, up: str | None = None
 ) -> None:
-    """Write `model` as a page. `state` and `up` are as in `TopologyViewer`."""
+    """Write the page of `model`. `state` and `up` have the same meaning as in `TopologyViewer`."""
     from msb.base.atomic import new_file
 
     with new_file(path) as file:
@@ -34,7 +34,7 @@ def write_page(
 
 def page(model: ViewModel, state: ViewState, up: str) -> bytes:
     """Return the page as UTF-8."""
-    # All arrays are compressed into one block, each aligned to 4 bytes.
+    # All arrays are compressed into one block, and each array is aligned to 4 bytes.
     arrays = page_arrays(model)
     layout: dict[str, dict[str, Any]] = {}
     offset = 0
@@ -52,8 +52,9 @@ def page(model: ViewModel, state: ViewState, up: str) -> bytes:
 
 
 def page_arrays(model: ViewModel) -> dict[str, NDArray[Any]]:
-    """Return the arrays of the page by name, one-dimensional and little-endian: float32, uint32 or uint8."""
-    # Faces with the same texture must be contiguous.
+    """Return the arrays of the page by name; each array is one-dimensional and little-endian, float32,
+    uint32 or uint8."""
+    # Faces with a common texture must be contiguous.
     rows = model.faces_of(None)
     textures = _by_texture(model)
     if textures:
@@ -90,7 +91,7 @@ def _by_texture(model: ViewModel) -> list[tuple[int, NDArray[Any]]]:
 
 
 def _skin(model: ViewModel) -> dict[str, Any] | None:
-    """Return the properties of the textures that the page needs, without their images."""
+    """Return the properties of the textures that the page needs, without the texture images."""
     if model.skin is None:
         return None
     textures = [{"name": f"texture.{number}", "faces": len(rows)} for number, rows in _by_texture(model)]

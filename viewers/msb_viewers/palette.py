@@ -1,7 +1,7 @@
 """Colours, line styles and markers of all kinds of elements.
 
-The colours are from Okabe and Ito (M. Okabe and K. Ito, Color Universal Design, 2008), and can be
-distinguished with the common kinds of colour blindness. Different kinds never differ by colour alone.
+The colours are from Okabe and Ito (Color Universal Design, 2008). People with common kinds of colour
+blindness can distinguish these colours. Different kinds of elements never differ by colour alone.
 """
 
 from dataclasses import dataclass
@@ -27,9 +27,10 @@ SEAM: Color = (150, 230, 30)
 BACKGROUND: Color = (246, 246, 244)
 # The colour of a mesh without colours, and of the largest component.
 NEUTRAL: Color = (205, 205, 205)
-# The colour of the ring around the selected element. No layer has a similar colour.
+# The colour of the ring around the selected element. The colour differs clearly from the colours of all
+# layers.
 HIGHLIGHT: Color = (200, 0, 110)
-# The colours of the fans of a vertex. Each fan also has a number.
+# The colours of the fans of a vertex. In addition to its colour, each fan has a number.
 FAN_COLORS = (SKY, ORANGE, GREEN, PURPLE, YELLOW, VERMILLION, BLUE)
 
 
@@ -38,7 +39,7 @@ class Style:
     """The style of a layer, and the key that switches it.
 
     `kind` is the name of the elements in the audit (docs/definitions.md). `width` of lines and `size` of
-    markers are in pixels at the closest zoom; a width of 0 draws no lines.
+    markers are in pixels at the closest zoom; lines with width 0 are not drawn.
     """
 
     kind: str
@@ -52,7 +53,7 @@ class Style:
     size: float = 0.0
 
 
-# Layers in the legend's order.
+# The layers in the order of the legend.
 STYLES: dict[str, Style] = {
     style.kind: style
     for style in (
@@ -100,10 +101,11 @@ REPAIR_STYLES: dict[str, Style] = {
     )
 }
 
-# Size classes of components other than the largest: number of faces from, to (inclusive), colour.
+# Size classes of components other than the largest: lowest and highest number of faces (inclusive), and
+# colour.
 SIZE_CLASSES: tuple[tuple[int, int | None, Color], ...] = (
-    # Colours go from light to dark, so that the order is visible without hue. The colours are from the plasma
-    # scale of matplotlib (S. van der Walt and N. Smith, 2015), and none is similar to the neutral grey.
+    # Colours go from light to dark, so that the order is visible without hue. The colours are from the scale
+    # plasma of matplotlib (van der Walt and Smith, 2015). All colours differ clearly from the neutral grey.
     (1, 1, (240, 249, 33)),
     (2, 3, (253, 180, 47)),
     (4, 9, (237, 121, 83)),

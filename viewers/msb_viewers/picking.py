@@ -1,4 +1,4 @@
-"""Find the face and vertex under a pixel, in NumPy. It needs no OpenGL."""
+"""Find the face and vertex under a pixel, in NumPy. This module needs no OpenGL."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -26,14 +26,15 @@ def pick(
 ) -> Hit | None:
     """Return the first of the `allowed` faces (F,) that a ray from `eye` along a unit vector hits.
 
-    Hits outside of `box` (3, 2) do not count. O(V + F) time, 13 V + 4 F bytes.
+    Hits outside of `box` (3, 2) do not count. The function takes O(V + F) time and 13 V + 4 F bytes of
+    memory.
     """
     if not allowed.any():
         return None
     direction = np.asarray(direction, np.float64)
-    # Project the vertices along the ray onto a plane with two axes. Along each axis, a face that the ray hits
-    # has vertices on both sides of the ray. The code of a vertex has a bit for each axis: the side of the
-    # ray.
+    # Project the vertices along the ray onto a plane with two axes. If the ray hits a face, the face has
+    # vertices on both sides of the ray along each axis. Two bits for each vertex tell the side of the ray
+    # along the two axes.
     side = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
     side /= np.linalg.norm(side)
     frame = np.stack([side, np.cross(direction, side), direction], axis=1)
@@ -47,7 +48,7 @@ def pick(
     # Intersect the remaining faces (n, 3, 3) with the ray in float64.
     local = (points[faces[rows]].astype(np.float64) - np.asarray(eye, np.float64)) @ frame
     u, v, t = local[..., 0], local[..., 1], local[..., 2]
-    sides = u * np.roll(v, -1, axis=1) - v * np.roll(u, -1, axis=1)  # for the edges 01, 12, 20
+    sides = u * np.roll(v, -1, axis=1) - v * np.roll(u, -1, axis=1)  # edge functions for the edges 01, 12, 20
     area = sides.sum(axis=1)
     inside = ((sides >= 0).all(axis=1) | (sides <= 0).all(axis=1)) & (area != 0)
     weights = np.roll(sides, -1, axis=1)[inside] / area[inside, None]

@@ -1,6 +1,6 @@
 """Compare a mesh before and after a repair in one view.
 
-The layers are the deleted faces, the added faces and the cut edges.
+The view has three layers: the deleted faces, the added faces and the cut edges.
 """
 
 from dataclasses import replace
@@ -13,17 +13,17 @@ from msb_viewers.model import CLEAN_NOTE, SOUP_NOTE, Layer, ViewModel, build_mod
 from msb_viewers.palette import ADDED, DELETED, REPAIR_STYLES
 from msb_viewers.viewed_mesh import Colors, ViewedMesh
 
-# Grey values that replace black and white. Both values are light, so that the colours of the layers stand
-# out.
+# Grey values that replace black and white. Both grey values are light, so that the colours of the layers
+# stand out.
 _DARKEST, _LIGHTEST = 140, 230
 
 
 def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
     """Return a view of all faces of the mesh before the repair, and of the faces that the repair added.
 
-    Unchanged faces are grey, deleted ones red and added ones green. Indices of faces and vertices refer to
-    the mesh before the repair. Faces are matched by the positions of their corners, so that repairs of any
-    program can be shown.
+    Unchanged faces are grey, deleted faces red and added faces green. Indices of faces and vertices refer
+    to the mesh before the repair. Faces are matched by the positions of their corners, so that repairs of
+    any program can be shown.
     """
     from msb.meshes.transform import rotate_axis
     from msb.topology import audit_arrays
@@ -34,7 +34,7 @@ def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
     placed = rotate_axis(after.vertices, after.up, before.up)  # files such as .glb are rotated upright
     old, new = mesh_arrays(before.vertices, before.faces), mesh_arrays(placed, after.faces)
     change = find_difference(old, new)
-    # The mesh before the repair, followed by the added faces and the vertices after the repair.
+    # Append the added faces and the vertices after the repair to the arrays of the mesh before the repair.
     (points, faces), count = old, len(old[1])
     added = new[1][change.added].astype(np.int64) + len(points)
     union = replace(

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 FAINT: Color = (120, 122, 128)
 PAPER = (255, 255, 255, 246)
 EDGE = (190, 192, 196, 255)
-# Width of a legend, height of a row and width of the margin, in pixels at scale 1.
+# Width of a legend, height of a row, and width of the margin, in pixels at scale 1.
 LEGEND_WIDTH, ROW, PAD = 322, 25, 12
 
 # Minimum and maximum scale of text. Smaller text is not legible.
@@ -30,7 +30,7 @@ _SMALLEST, _LARGEST = 0.62, 2.0
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """An image (H, W, 4), and the actions of clicks on it.
+    """An image (H, W, 4), and the actions of clicks on the image.
 
     `targets` are ranges of pixel rows (from, to) with an action: a layer, "components" or "help".
     """
@@ -41,7 +41,7 @@ class Panel:
     def hit(self, x: float, y: float) -> str | None:
         """Return the action at x, y pixels from the top left corner.
 
-        The result is "" at a place without an action, and None outside the panel.
+        The result is "" at a position without an action, and None outside the panel.
         """
         height, width = self.image.shape[:2]
         if not (0 <= x < width and 0 <= y < height):
@@ -64,9 +64,9 @@ def font(size: int, *, bold: bool = False) -> FreeTypeFont | ImageFont:
 
 
 class Sheet:
-    """An image that is written from top to bottom.
+    """An image with text that is written from top to bottom.
 
-    `draw_panel` draws the image twice, the first time to find the height.
+    `draw_panel` draws the image twice. The first pass measures the height.
     """
 
     def __init__(self, width: int, height: int, scale: float) -> None:
@@ -87,14 +87,15 @@ class Sheet:
         return font(max(round(size * self.scale), 7), bold=bold)
 
     def text(self, x: float, text: str, size: float = 13, color: Color = INK, **options: Any) -> None:
-        """Write text in the current row, vertically centred. A negative x is the distance from the right."""
+        """Write text in the current row, vertically centred. A negative x is the distance from the right
+        side."""
         anchor = "lm" if x >= 0 else "rm"
         place = self.px(x) if x >= 0 else self.width - self.px(-x)
         middle = self.y + self.px(ROW) / 2
         self.draw.text((place, middle), text, color, self.font(size, **options), anchor=anchor)
 
     def paragraph(self, text: str, size: float = 12, color: Color = INK, **options: Any) -> None:
-        """Write `text`, wrapped at the margin, and continue below it."""
+        """Write `text`, wrapped at the margin, and continue below the text."""
         face = self.font(size, **options)
         for line in wrap_text(text, face, self.width - 2 * self.px(PAD)):
             self.draw.text((self.px(PAD), self.y), line, color, face)
@@ -102,7 +103,8 @@ class Sheet:
 
 
 def wrap_text(text: str, face: Any, width: float) -> list[str]:
-    """Return the lines of `text`, each at most `width` pixels wide. Longer words are shortened."""
+    """Return the lines of `text`, each at most `width` pixels wide. Words longer than a line are
+    shortened."""
     lines: list[str] = []
     line = ""
     for word in text.split():
@@ -130,7 +132,7 @@ def shorten_text(text: str, face: Any, width: float) -> str:
 
 
 def help_panel(rows: Iterable[tuple[str, str]], scale: float = 1.0) -> Panel:
-    """Return the list of keys and their actions."""
+    """Return an image with the list of keys and their actions."""
 
     def write(sheet: Sheet) -> None:
         sheet.paragraph("Keys and mouse", 15, bold=True)
@@ -145,7 +147,8 @@ def help_panel(rows: Iterable[tuple[str, str]], scale: float = 1.0) -> Panel:
 
 
 def line_panel(text: str, width: int, scale: float = 1.0) -> Panel:
-    """Return one line of text. The line is shortened in the middle if it is wider than `width` pixels."""
+    """Return an image of one line of text. The line is shortened in the middle if it is wider than `width`
+    pixels."""
     face = font(max(round(13 * scale), 8))
     short = shorten_text(text, face, width - 24 * scale)
     wide = min(int(face.getlength(short) + 24 * scale), width) / scale
@@ -159,7 +162,8 @@ def line_panel(text: str, width: int, scale: float = 1.0) -> Panel:
 
 
 def list_panel(title: str, text: str, lines: list[tuple[str, Color | None]], scale: float = 1.0) -> Panel:
-    """Return the text of the fan inspector: a title, a paragraph, and lines with a colour swatch."""
+    """Return an image with the text of the fan inspector: a title, a paragraph, and lines with a colour
+    swatch."""
 
     def write(sheet: Sheet) -> None:
         sheet.paragraph(title, 13, bold=True)
@@ -182,7 +186,7 @@ def list_panel(title: str, text: str, lines: list[tuple[str, Color | None]], sca
 def draw_panel(write: Callable[[Sheet], None], width: float, scale: float) -> Panel:
     """Return the panel that `write` draws; `width` is in pixels at scale 1.
 
-    The height follows from the text.
+    The height of the panel follows from the text.
     """
     trial = Sheet(round(width * scale), 4, scale)
     write(trial)

@@ -1,5 +1,5 @@
 "use strict";
-// Written by `msb view --html` or `msb compare --html`. The page is self-contained and loads nothing.
+// This page was written by `msb view --html` or `msb compare --html`. The page loads no other files.
 const meta = JSON.parse(document.getElementById("meta").textContent);
 const byId = (id) => document.getElementById(id);
 const make = (tag, text, name) => {

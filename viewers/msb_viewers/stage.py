@@ -12,28 +12,30 @@ from msb_viewers.palette import Style
 from msb_viewers.state import ViewState
 from msb_viewers.viewed_mesh import Skin, color_bytes
 
-# Maximum and minimum number of faces of a simplified mesh. A mesh with fewer faces is not simplified.
+# Minimum and maximum number of faces of a simplified mesh. A mesh with fewer faces is not simplified.
 _MOST_FACES, _LEAST_FACES = 300_000, 30_000
-# While the view moves, the full mesh is only drawn if a frame takes at most this many seconds: 20 frames per
-# second.
+# While the view moves, the full mesh is drawn only if a frame takes at most this many seconds (20 frames
+# per second).
 _FLUID_SECONDS = 0.05
-# While the view moves, a layer may draw as many elements as the face budget divided by this number.
+# While the view moves, each layer draws at most (face budget) / _MARKS elements.
 _MARKS = 5
-# Lines and markers have their full size if the median edge has at least this length in pixels.
+# Lines and markers have their full size if the median edge is at least this long, in pixels.
 _FULL_SIZE = 40.0
 # Minimum scale of lines and markers.
 _LEAST = 0.2
-# Strength of shading of components in [0, 1]. The shading is weak, because the lightness of a component
-# indicates its size.
+# Strength of shading, in [0, 1], when components are coloured. The shading is weak, because the lightness
+# of a component indicates its size.
 _SHADE_COMPONENTS = 0.25
 
 
 class Stage:
-    """The actors of a model. Actors are created when they are needed, and kept as long as they are valid.
+    """The actors of a model. Actors (VTK objects to draw) are created when needed, and kept as long as they
+    are valid.
 
-    While the view is `moving`, simplified meshes are drawn if `seconds`, the time of the last full frame, is
-    too long.
-    `boost` enlarges lines and markers, for images that are printed small.
+    `seconds` is the time of the last full frame. If the last full frame took too long, simplified meshes are
+    drawn while the view is `moving`.
+
+    `boost` enlarges lines and markers for images that are printed small.
     """
 
     def __init__(self, model: ViewModel, back: Any, front: Any) -> None:
@@ -92,7 +94,7 @@ class Stage:
     def _sync_layers(self, state: ViewState) -> None:
         """Create, show and hide the actors of the layers."""
         if state.through != self._through:
-            # Actors in the other renderer are drawn over the surface.
+            # Layers in the other renderer are drawn over the surface.
             self._through = state.through
             self._forget_layers(set(self._layers))
         self._forget_layers({kind for kind, entry in self._layers.items() if entry[0] != state.component})
@@ -208,7 +210,7 @@ def layer_actors(style: Style, corners: NDArray[np.float32]) -> list[Any]:
     actors = []
     if style.width:
         ends = corners
-        if style.of == "face":  # draw the outlines of faces
+        if style.of == "face":  # this draws the outlines of faces
             ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
         actors.append(drawing.segments(ends, style.color, style.width, dashed=style.line == "dashed"))
     if style.marker is not None:
@@ -243,11 +245,12 @@ def face_budget(faces: int, seconds: float) -> int | None:
 def simplify(
     points: NDArray[np.float32], faces: NDArray[Any], target: int = _MOST_FACES
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the faces (f, 3) of a simplified mesh, and the original faces (f,) that give their colours.
+    """Return the faces (f, 3) of a simplified mesh. The second result (f,) lists the original faces from
+    which these faces take their colours.
 
-    The number of faces is `target` within a factor of two. Method: vertex clustering (J. Rossignac and P.
-    Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993). O(V + F) time, with a sort
-    of at most 4 `target` faces.
+    The number of faces is between half of `target` and twice `target`. The method is vertex clustering
+    (Rossignac and Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993). The
+    function takes O(V + F) time, and sorts at most 4 `target` faces.
     """
     # If there are very many faces, use a random sample.
     sample = np.arange(len(faces))
@@ -258,8 +261,8 @@ def simplify(
     if len(some) == 0:
         return some, sample
     low, high = points[some].reshape(-1, 3).min(axis=0), points[some].reshape(-1, 3).max(axis=0)
-    # In a grid of n^3 cells a surface intersects a small multiple of n^2 cells, and has about four faces in
-    # each.
+    # In a grid of n^3 cells, a surface intersects a small multiple of n^2 cells. Each of these cells contains
+    # about four faces.
     cells = max(int(np.sqrt(target / 4)), 8)
     size = max(float((high - low).max()) / cells, 1e-9)
     # Replace each vertex by the first vertex in its cell, (V,).

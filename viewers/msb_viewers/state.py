@@ -1,4 +1,5 @@
-"""The state of the topology viewer: visible layers, selection, isolated component. It needs no window."""
+"""The state of the topology viewer: visible layers, selection, isolated component. This module needs no
+window."""
 
 from __future__ import annotations
 
@@ -15,17 +16,17 @@ from msb_viewers.options import ViewOptions
 Coloring = Literal["own", "components", "grey"]
 COLORINGS: tuple[Coloring, ...] = ("own", "components", "grey")
 
-# Key and its action, as listed in the help of the viewer.
+# Each key and its action, as listed in the help of the viewer.
 HELP: tuple[tuple[str, str], ...] = (
     ("1 ... 9", "show or hide a layer (or click its row)"),
     ("0", "show or hide all layers"),
     ("Tab", "select the layer for N and P"),
-    ("N / P", "go to its next / previous element"),
+    ("N / P", "go to the next / previous element of this layer"),
     ("click", "select a vertex and show its fans"),
     ("F", "zoom to the selection"),
     ("C", "colours: mesh, components, grey"),
     ("I", "show only the selected component, or all"),
-    ("[ / ]", "show only the next larger / smaller one"),
+    ("[ / ]", "show only the next larger / smaller component"),
     ("K", "clipping box: drag its handles"),
     ("X", "show layers through the surface"),
     ("L", "show or hide the legend"),
@@ -40,20 +41,20 @@ HELP: tuple[tuple[str, str], ...] = (
 
 @dataclass(eq=False)
 class ViewState:
-    """The state of the viewer."""
+    """The state of the topology viewer."""
 
     model: ViewModel
     # Kinds of the visible layers.
     visible: set[str] = field(default_factory=set)
-    # The layer through which the keys N and P step, and the last selected element of each layer.
+    # The layer in which the keys N and P step, and the last selected element of each layer.
     active: str = "nonmanifold_edges"
     cursor: dict[str, int] = field(default_factory=dict)
     coloring: Coloring = "own"
-    # The only component that is drawn; 0 is the largest, and None draws all.
+    # The only component that is drawn; 0 is the largest component, and None draws all.
     component: int | None = None
     # The selected element: a kind, and an index in its layer.
     element: tuple[str, int] | None = None
-    # The selected vertex, whose fans are shown.
+    # The selected vertex, for which the fans are shown.
     vertex: int | None = None
     help: bool = False
     legend: bool = True
@@ -86,7 +87,7 @@ class ViewState:
             state.coloring = options.colors
         if options.component is not None:
             if options.component > len(model.sizes):
-                text = f"--component is {options.component}, but there are {len(model.sizes)} components"
+                text = f"--component is {options.component}, but the mesh has {len(model.sizes)} components"
                 raise UsageError("NAME_UNKNOWN", text)
             state.isolate(options.component - 1)
         if options.at is not None and options.at.isascii() and options.at.isdigit():
@@ -100,7 +101,7 @@ class ViewState:
         return state
 
     def toggle(self, kind: str) -> None:
-        """Show or hide a layer. A layer that is shown becomes the active layer."""
+        """Show or hide a layer. A layer becomes the active layer when it is shown."""
         layer = self.model.layers[kind]
         if kind in self.visible:
             self.visible.discard(kind)
@@ -114,7 +115,7 @@ class ViewState:
         self.message = f"{layer.style.label}: {len(layer):,}"
 
     def toggle_all(self) -> None:
-        """Hide all layers if any is visible, else show all."""
+        """Hide all layers if any layer is visible, otherwise show all."""
         self.visible = set() if self.visible else {k for k, layer in self.model.layers.items() if len(layer)}
         self.message = "All layers are shown" if self.visible else "All layers are hidden"
 
@@ -129,14 +130,14 @@ class ViewState:
         self.message = f"N / P: next / previous of {self.model.layers[self.active].style.label.lower()}"
 
     def next_coloring(self) -> None:
-        """Switch to the next colouring. "own" is skipped if the mesh has no colours."""
+        """Switch to the next colouring. The colouring "own" is skipped if the mesh has no colours."""
         choices = [c for c in COLORINGS if c != "own" or self.model.colors is not None]
         at = choices.index(self.coloring) + 1 if self.coloring in choices else 0
         self.coloring = choices[at % len(choices)]
         self.message = {"own": "Mesh colours", "grey": "Grey"}.get(self.coloring, "Components by size")
 
     def toggle_components(self) -> None:
-        """Switch between colours of components and of the mesh."""
+        """Switch between colours of components and colours of the mesh."""
         plain: Coloring = "own" if self.model.colors is not None else "grey"
         self.coloring = "components" if self.coloring != "components" else plain
 
@@ -146,7 +147,8 @@ class ViewState:
         self.message = "Layers are drawn over the surface" if self.through else "The surface hides layers"
 
     def step(self, by: int) -> bool:
-        """Select the next (+1) or previous (-1) element of the active layer; return whether there is one."""
+        """Select the next (+1) or previous (-1) element of the active layer. Return whether this element
+        exists."""
         layer = self.model.layers[self.active]
         label = layer.style.label
         rows = self.model.rows(self.active, self.component)
@@ -169,7 +171,7 @@ class ViewState:
         self.message = self.describe(kind, place)
 
     def choose_vertex(self, vertex: int | None) -> None:
-        """Select a vertex for the fan inspector, or none."""
+        """Select a vertex for the fan inspector, or no vertex."""
         self.vertex, self.element = vertex, None
         if vertex is None:
             self.message = "No face at this point"
@@ -192,7 +194,7 @@ class ViewState:
         if component is not None:
             words.append(self.describe_component(component))
         if not self.model.finite(layer.vertices[place][None])[0]:
-            words.append("its position is not finite")
+            words.append("this position is not finite")
         return " · ".join(words)
 
     def describe_component(self, component: int) -> str:
@@ -202,9 +204,9 @@ class ViewState:
         return f"component {component + 1:,} of {count:,}, {size:,} face{'' if size == 1 else 's'}"
 
     def component_of(self, kind: str, place: int) -> int | None:
-        """Return the component of an element.
+        """Return the component that contains an element.
 
-        A vertex can be in several components: return the largest of them.
+        A vertex can be in several components; the function returns the largest component.
         """
         layer, model = self.model.layers[kind], self.model
         number = int(layer.numbers[place])
@@ -222,9 +224,9 @@ class ViewState:
         return int(at.min()) if len(at) else None
 
     def isolate_selection(self) -> None:
-        """Show only the component of the selection, or without a selection the largest component.
+        """Show only the component of the selection; without a selection, show only the largest component.
 
-        If a component is isolated already, show all components again.
+        If a component is already isolated, show all components again.
         """
         if self.component is not None:
             self.component, self.message = None, "All components are shown"
@@ -239,7 +241,7 @@ class ViewState:
         self.isolate(component)
 
     def isolate(self, component: int | None) -> None:
-        """Show only one component; 0 is the largest, and None shows all."""
+        """Show only one component; 0 is the largest component, and None shows all."""
         if component is None or not 0 <= component < len(self.model.sizes):
             self.component, self.message = None, "This component does not exist"
             return

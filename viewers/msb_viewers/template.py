@@ -1,4 +1,4 @@
-"""Build self-contained HTML pages: a common shell, the parts of a viewer, and its data."""
+"""Build self-contained HTML pages: a common shell, the parts of a viewer, and the data of the viewer."""
 
 import json
 import re
@@ -13,8 +13,8 @@ _MARK = re.compile(r"@([A-Z]+)@")
 def build_page(package: str, meta: Mapping[str, Any], data: bytes = b"") -> bytes:
     """Return a page as UTF-8, with the files page.css, page.html and page.js of a package.
 
-    `meta` is the JSON data of the script, and `data` is ASCII text without "<". Inserted text is not searched
-    for placeholders, because it can contain file names.
+    `meta` is the JSON data of the script, and `data` is ASCII text without "<". Inserted text is not
+    searched for placeholders, because file names may contain text like a placeholder.
     """
     shell, viewer = files("msb_viewers"), files(package)
     # "</" in a file name would end the script element.

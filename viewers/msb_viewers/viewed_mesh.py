@@ -15,7 +15,7 @@ from msb.topology.arrays import mesh_arrays
 from msb.topology.seams import Attributes, Seams, find_seams
 
 Domain = Literal["vertex", "face", "corner"]
-NO_COLOR = "its colours depend on the direction of view; drawn in grey"
+NO_COLOR = "the colours depend on the view direction, so the mesh is grey"
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,8 @@ class Skin:
         return (self.textured.sampler.alpha_cutoff or 0.0) - ROUNDING
 
     def by_texture(self, rows: NDArray[Any]) -> list[tuple[int, NDArray[Any]]]:
-        """Return the textures that the faces `rows` use: the number of each texture, and its faces (n,)."""
+        """Return the textures that the faces `rows` use: the number of each texture, and the faces (n,)
+        with this texture."""
         numbers = self.textured.face_texture
         if numbers is None:
             return [(0, rows)]
@@ -53,9 +54,10 @@ class Skin:
 class ViewedMesh:
     """A stored mesh, whose values are not checked.
 
-    For a mesh with a `skin` the `colors` are sampled at the corners, for drawing without textures. `up` is an
-    axis such as "+y", or "unknown". `notes` are messages about the drawing. `attributes` are vertex
-    attributes that can have seams, where vertices are duplicated. `seams` is set if they are merged.
+    If the mesh has a `skin`, `colors` contains the texture colours at the corners, for drawing without
+    textures. `up` is an axis such as "+y", or "unknown". `notes` are messages about the drawing. `attributes`
+    are vertex attributes that can have seams, where vertices are duplicated. `seams` describes the merged
+    seams, or is None.
     """
 
     name: str
@@ -79,7 +81,7 @@ def read_viewed_mesh(path: Path) -> ViewedMesh:
 
 
 def viewed_mesh(mesh: StoredMesh, path: Path) -> ViewedMesh:
-    """Return a mesh from the file `path` with the colours of the standard tier.
+    """Return a mesh from the file `path` with the colours of the standard tier (opaque rendering).
 
     The mesh has all stored faces, including faces that an STE threshold hides, because the audit counts them.
     """
@@ -90,7 +92,7 @@ def viewed_mesh(mesh: StoredMesh, path: Path) -> ViewedMesh:
     notes = []
     try:
         skin, static = _skin(mesh, static)
-    except AssetError as error:  # draw the mesh without textures
+    except AssetError as error:  # draw this mesh without textures
         notes.append(f"{error.code}: {error.message}; its textures are not drawn")
     colors = None if static is None else Colors(color_bytes(static.values), static.domain)
     if colors is None and mesh.method not in (None, "mesh"):
@@ -101,9 +103,9 @@ def viewed_mesh(mesh: StoredMesh, path: Path) -> ViewedMesh:
 
 
 def merge_seams(mesh: ViewedMesh) -> tuple[ViewedMesh, Analysis]:
-    """Return `mesh` with its seams merged, as the verdict judges it, and its analysis.
+    """Merge the seams of `mesh` in the same way as the verdict. Return the mesh and its analysis.
 
-    Colours of vertices move to corners, so that nothing looks different.
+    Colours of vertices move to corners, so that the drawn mesh does not change.
     """
     points, faces = mesh_arrays(mesh.vertices, mesh.faces)
     seams = find_seams(points, faces, mesh.attributes)
@@ -117,7 +119,7 @@ def merge_seams(mesh: ViewedMesh) -> tuple[ViewedMesh, Analysis]:
 
 
 def find_seam_edges(seams: Seams, stored: Analysis, merged: Analysis) -> NDArray[Any]:
-    """Return the edges (n,) of the `merged` mesh that are boundary edges in the `stored` mesh alone."""
+    """Return the edges (n,) of the `merged` mesh that are boundary edges only in the `stored` mesh."""
     torn = np.sort(seams.number[stored.mesh.edge_vertices[stored.boundary.edges]], axis=1)
     count = len(merged.vertices)
     edges = merged.mesh.edge_vertices.astype(np.int64)
@@ -127,7 +129,7 @@ def find_seam_edges(seams: Seams, stored: Analysis, merged: Analysis) -> NDArray
 
 
 def _skin(mesh: StoredMesh, tint: StaticColors | None) -> tuple[Skin | None, StaticColors | None]:
-    """Return the textures of `mesh`, or None, and its colours for drawing without textures."""
+    """Return the textures of `mesh` or None, and colours for drawing without textures."""
     from msb.asset.look import corner_colors, corner_tint
     from msb.asset.texture import encode_texels, textures_in
 

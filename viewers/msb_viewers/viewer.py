@@ -27,7 +27,8 @@ from msb_viewers.state import HELP, ViewState
 _GAP = 12
 # Samples per pixel that smooth the edges of faces and lines while the view rests.
 _SAMPLES = 4
-# Number of frames of a flight to an element, which takes a quarter of a second at 60 frames per second.
+# Number of frames of a camera flight to an element, which takes a quarter of a second at 60 frames per
+# second.
 _FLIGHT_FRAMES = 14
 
 
@@ -121,7 +122,7 @@ class TopologyViewer:
         write_png(self.image(), path)
 
     def show(self) -> None:
-        """Open the window, and return when it is closed."""
+        """Open the window, and return when the user closes it."""
         self.controls.attach()
         self.refresh()
         self.plotter.show(auto_close=True, title=self.title)
@@ -129,7 +130,7 @@ class TopologyViewer:
     # --- drawing
 
     def refresh(self) -> None:
-        """Update the window from the state, and draw it."""
+        """Update the window from the state, and draw the window."""
         self.stage.sync(self.state)
         self._mark_selection()
         self._show_fans()
@@ -150,7 +151,7 @@ class TopologyViewer:
             self.stage.seconds = time.perf_counter() - start
 
     def pixels_per_unit(self) -> float:
-        """Return the number of pixels per view unit at the distance of the point that the camera looks at."""
+        """Return the number of pixels per view unit at the distance of the camera's target."""
         return self.size[1] / (2 * max(self.pose.distance, 1e-9) * math.tan(FOV_Y / 2))
 
     # --- camera
@@ -167,7 +168,7 @@ class TopologyViewer:
         self.camera.SetWindowCenter((right - self._taken()) / self.size[0], 0.0)
 
     def fly(self, pose: Pose) -> None:
-        """Move the camera to a pose. In a window the movement is animated."""
+        """Move the camera to a pose. In a window the camera movement is animated."""
         start = self.pose
         for step in range(1, _FLIGHT_FRAMES if not self.off_screen else 0):
             t = step / _FLIGHT_FRAMES
@@ -212,8 +213,10 @@ class TopologyViewer:
         return np.stack([(device[:, 0] + 1) / 2 * width, (1 - device[:, 1]) / 2 * height], axis=1)
 
     def pick(self, x: float, y: float) -> int | None:
-        """Of the face at a pixel, select the vertex nearest to the pixel. Return the vertex, or None."""
-        # The ray through the pixel, from its points on the near and far planes.
+        """Select, among the vertices of the face at a pixel, the vertex nearest to the pixel. Return the
+        selected vertex, or None."""
+        # Find one point on the near plane and one on the far plane; both points define the ray through the
+        # pixel.
         width, height = self.size
         back = inverse(self._matrix())
         device = np.array([2 * x / width - 1, 1 - 2 * y / height])
@@ -244,13 +247,13 @@ class TopologyViewer:
     # --- legend and end
 
     def close(self) -> None:
-        """Release the window and everything that VTK holds. `close` can be called twice."""
+        """Release the window and all VTK objects. `close` can be called twice."""
         self.window.RemoveRenderer(self.front)
         self.window.RemoveRenderer(self.inset.renderer)
         self.plotter.close()
 
     def legend_hit(self, x: float, y: float) -> str | None:
-        """Return the action of the legend at a pixel: "" for its background, None outside."""
+        """Return the legend's action at a pixel: "" for its background, None outside."""
         if self._legend is None:
             return None
         gap = round(_GAP * self.scale)
@@ -265,7 +268,7 @@ class TopologyViewer:
         return round(LEGEND_WIDTH * self.scale) + round(_GAP * self.scale)
 
     def _aspect(self) -> float:
-        """Return width over height of the area without the legend."""
+        """Return width divided by height of the area without the legend."""
         width, height = self.size
         return (width - self._taken()) / height
 
@@ -283,7 +286,7 @@ class TopologyViewer:
         return None if self.state.vertex is None else np.array([self.state.vertex])
 
     def _mark_selection(self) -> None:
-        """Draw a ring around the selection, in front of everything."""
+        """Draw a ring around the selection, in front of all other objects."""
         for actor in self._marks:
             self.front.RemoveActor(actor)
         self._marks = []

@@ -31,7 +31,7 @@ from .model import (
     show_exactly,
 )
 
-# Session UID of a mesh -> its marked edges as (colour, batch of lines); cleared when any object changes.
+# Marked edges as (colour, batch of lines), by the session UID of a mesh. Cleared when any object changes.
 _lines: dict[int, list[tuple[Any, Any]]] = {}
 
 
@@ -41,7 +41,7 @@ def _forget_lines(*_: Any) -> None:
 
 
 def _draw_lines() -> None:
-    """Draw the marked edges of visible meshes, if this is turned on in the panel."""
+    """Draw the marked edges of visible meshes, if the panel option is on."""
     if not bpy.context.window_manager.msb_marks:
         return
     shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")

@@ -15,14 +15,14 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-# The environment variable with the path of a Python that has the package meshsplatbench. Default: Blender's
-# Python, with the wheels of the extension.
+# This environment variable is the path of a Python with the package meshsplatbench. By default Blender's
+# Python runs the wheels of the extension.
 VARIABLE = "MSB_PYTHON"
-# The custom property of an object for data that its mesh cannot store, as JSON.
+# A custom property of an object stores data as JSON that the mesh cannot store.
 ABOUT = "meshsplatbench"
 # Names of the colour attributes (GREY for models without colours) and of the UV map.
 COLOR, GREY, UVS = "Color", "Grey", "UVMap"
-# Edge attribute -> colour (RGBA) of the lines that mark these edges.
+# Edges with one of these attributes are marked by lines of this colour (RGBA).
 MARKS = {"boundary": (1.0, 0.6, 0.0, 1.0), "nonmanifold": (0.9, 0.0, 0.9, 1.0)}
 # Constants of the sRGB curve (IEC 61966-2-1).
 SRGB_KNEE, SRGB_SLOPE, SRGB_OFFSET, SRGB_POWER = 0.04045, 12.92, 0.055, 2.4
@@ -30,11 +30,11 @@ WRAPS = {"repeat": "REPEAT", "clamp": "EXTEND", "mirror": "MIRROR"}
 
 
 class WorkerError(Exception):
-    """An error in the other process; the text is its message, one line."""
+    """An error in the other process, with a message of one line."""
 
 
 def ask(verb: str, source: str | dict[str, Any], target: str | None = None) -> dict[str, Any]:
-    """Run `worker.py` to "read" a path, or to "audit" or "save" arrays; return the arrays of its answer."""
+    """Run `worker.py` to "read" a path, or to "audit" or "save" arrays; return the answer as arrays."""
     python = os.environ.get(VARIABLE)
     paths = {} if python else {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     with tempfile.TemporaryDirectory(prefix="msb-") as folder:
@@ -63,10 +63,10 @@ def ask(verb: str, source: str | dict[str, Any], target: str | None = None) -> d
 def add_model(name: str, arrays: dict[str, Any]) -> tuple[bpy.types.Object, int]:
     """Return an object with the mesh and materials of a model, and the number of faces that Blender rejects.
 
-    `arrays` is the answer of `ask("read", ...)`; worker.py describes it.
+    `arrays` is the answer of `ask("read", ...)`; worker.py describes the arrays.
     """
     about, faces = json.loads(str(arrays["about"])), arrays["faces"]
-    # The geometry: vertices, and polygons of three consecutive loops (corners).
+    # Add the vertices, and polygons of three consecutive loops (corners).
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(len(arrays["vertices"]))
     mesh.vertices.foreach_set("co", np.float32(arrays["vertices"]).ravel())
@@ -74,7 +74,7 @@ def add_model(name: str, arrays: dict[str, Any]) -> tuple[bpy.types.Object, int]
     mesh.loops.foreach_set("vertex_index", np.int32(faces).ravel())
     mesh.polygons.add(len(faces))
     mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
-    # Colours and UV coordinates of the corners, one material for each texture.
+    # Add colours and UV coordinates of the corners, and one material for each texture.
     colors = None
     if "colors" in arrays:
         colors = mesh.color_attributes.new(GREY if about.get("grey") else COLOR, "FLOAT_COLOR", "CORNER")
@@ -102,8 +102,8 @@ def add_model(name: str, arrays: dict[str, Any]) -> tuple[bpy.types.Object, int]
 def add_image(name: str, texels: Any) -> bpy.types.Image:
     """Return an image of `texels` (H, W, 4) in linear light, lowest row first; alpha is not premultiplied.
 
-    The image stores floats, because Cycles filters byte images before it converts them to linear light.
-    Engines and msb convert first.
+    The image stores floats, because Cycles filters byte images before the conversion to linear light.
+    Engines and msb convert to linear light before they filter.
     """
     height, width, _ = texels.shape
     image = bpy.data.images.new(name, width, height, alpha=True, float_buffer=True, is_data=True)
@@ -119,8 +119,8 @@ def make_unlit_material(
 ) -> bpy.types.Material:
     """Return a material that emits the attribute `colors` times `image`, transparent below the alpha cutoff.
 
-    Without a texture, colours are sRGB and are interpolated as sRGB. The shader then converts them to linear
-    light, and the view transform Standard converts them back. With a texture, colours are linear light.
+    Without a texture, colours are sRGB and are interpolated as sRGB. The shader then converts to linear
+    light, and the view transform Standard converts to sRGB again. With a texture, colours are linear light.
     """
     material = bpy.data.materials.new(name)
     if not material.node_tree:  # before Blender 5
@@ -157,8 +157,8 @@ def make_unlit_material(
             texel, texel_alpha = vector("MULTIPLY", texel, color), product.outputs[0]
         color, alpha = texel, texel_alpha
     else:
-        # sRGB to linear light as a sum of two terms, without a condition: ((max(c, knee) + offset) / (1 +
-        # offset)) ** power + (min(c, knee) - knee) / slope.
+        # Convert sRGB to linear light by a sum of two terms without a condition:
+        # ((max(c, knee) + offset) / (1 + offset)) ** power + (min(c, knee) - knee) / slope.
         above = vector("MAXIMUM", color, SRGB_KNEE)
         above = vector("MULTIPLY_ADD", above, 1 / (1 + SRGB_OFFSET), SRGB_OFFSET / (1 + SRGB_OFFSET))
         power = nodes.new("ShaderNodeGamma")
@@ -216,16 +216,16 @@ def make_mesh_arrays(thing: bpy.types.Object, mesh: bpy.types.Mesh) -> dict[str,
     """
     about = json.loads(thing.get(ABOUT, "{}"))
     turn = Matrix(about.setdefault("turn", np.eye(3).tolist())).to_4x4()
-    # How the object was transformed after its import.
+    # Apply the transform of the object since the import.
     moved = np.array(turn.inverted() @ thing.matrix_world)
     vertices = _column(mesh.vertices, "co", np.float32, 3)
-    if not np.allclose(moved, np.eye(4), atol=1e-6):  # else keep them exactly
+    if not np.allclose(moved, np.eye(4), atol=1e-6):  # else keep the exact vertices
         vertices = np.float32(vertices @ moved[:3, :3].T + moved[:3, 3])
     mesh.calc_loop_triangles()
     triangles = mesh.loop_triangles
     loops = _column(triangles, "loops", np.int32, 3).ravel()
     arrays = {"vertices": vertices, "faces": _column(triangles, "vertices", np.int32, 3).astype(np.int64)}
-    # Textures, if every material has an image.
+    # Add textures if every material has an image.
     nodes = [[] if slot is None or not slot.node_tree else slot.node_tree.nodes for slot in mesh.materials]
     images = [
         next((node.image for node in tree if node.bl_idname == "ShaderNodeTexImage"), None) for tree in nodes
@@ -240,8 +240,8 @@ def make_mesh_arrays(thing: bpy.types.Object, mesh: bpy.types.Mesh) -> dict[str,
             arrays[f"texture.{number}"] = texels if image.is_float else np.uint8(np.rint(255 * texels))
     colors = mesh.color_attributes.get(COLOR) if about.get("method") else mesh.color_attributes.active_color
     if colors is not None:
-        # Read colours of our models and colours with textures as stored. All others are linear light, which
-        # Blender converts to sRGB here.
+        # Colours of our models and colours with textures are read as stored. Blender stores other colours in
+        # linear light, and `color_srgb` converts them to sRGB.
         as_stored = about.get("method") or "uvs" in arrays
         values = _column(colors.data, "color" if as_stored else "color_srgb", np.float32, 4)
         arrays["colors"] = values[loops if colors.domain == "CORNER" else arrays["faces"].ravel()]
@@ -250,7 +250,7 @@ def make_mesh_arrays(thing: bpy.types.Object, mesh: bpy.types.Mesh) -> dict[str,
 
 
 def _column(rows: Any, name: str, dtype: type, width: int) -> Any:
-    """Return a property of all elements of a Blender collection, (n, width)."""
+    """Return a property of all `n` elements of a Blender collection as an array (n, width)."""
     values = np.zeros(width * len(rows), dtype)
     rows.foreach_get(name, values)
     return values.reshape(-1, width)

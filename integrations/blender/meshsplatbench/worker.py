@@ -40,14 +40,14 @@ from msb.topology.elements import find_elements
 from msb.topology.seams import find_seams
 
 Arrays = dict[str, NDArray[Any]]
-# The counts of an audit that the panel shows.
+# The panel shows these counts of an audit.
 COUNTS = ("vertices", "faces", "components", "boundary_edges", "nonmanifold_edges")
 
 
 def read(path: str) -> tuple[Arrays, dict[str, Any]]:
     """Return the standard-tier mesh of the model at `path`, with its audit."""
     asset = msb.open(path)
-    # Blender stores float32, so the object stays at the origin of the asset, which `about` keeps.
+    # Blender stores float32, so the object is placed at zero; `about` keeps the origin of the asset.
     mesh, up = mesh_from_asset(without_origin(asset)), up_axis(asset)  # `mesh.up` may be unknown (None)
     arrays: Arrays = {"vertices": mesh.vertices, "faces": mesh.faces}
     about: dict[str, Any] = {"method": asset.manifest.method, "up": mesh.up, "bytes": False}
@@ -80,7 +80,8 @@ def read(path: str) -> tuple[Arrays, dict[str, Any]]:
 
 
 def audit(asset: msb.Asset, arrays: Arrays, about: dict[str, Any]) -> tuple[Arrays, dict[str, Any]]:
-    """Add the audit of `asset` to `arrays` and `about`, and return both: verdict, counts and marked edges.
+    """Add the audit of `asset` to `arrays` and `about`, and return both. The audit adds verdict, counts and
+    marked edges.
 
     The audit ignores seams: vertices at the same position are merged. `number` (V,) has the number of the
     merged vertex for each vertex of the file.
@@ -125,7 +126,7 @@ def read_mesh_arrays(path: str) -> tuple[msb.Asset, Arrays, dict[str, Any]]:
 
 
 def as_texture(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return an image (floats in linear light, or sRGB bytes) as sRGB bytes, without alpha if that is 1."""
+    """Return an image as sRGB bytes, without an alpha of 1. The input is linear floats or sRGB bytes."""
     values = image if image.dtype == np.uint8 else encode_texels(np.clip(image, 0, 1), 4)
     return np.ascontiguousarray(values if (values[..., 3] < 255).any() else values[..., :3])
 

@@ -1,11 +1,11 @@
 """Read the archives that `torch.save` writes since torch 1.6.
 
-All members are in one folder, which has the name of the file or ``archive``. They are ``data.pkl``,
-``data/0``, ``data/1`` ... (one per storage), ``version`` and, in newer files, ``byteorder``. The other
-members (``.format_version``, ``.storage_alignment``, ``.data/serialization_id``) are not needed. As in a
-packed `.triasset`, padding in the extra field of local headers aligns the data to 64 bytes. In contrast to a
-`.triasset`, sizes and checksum also follow the data (bit 3 of the flags), and there is always a ZIP64 end
-record.
+All members of the archive are in one folder, which has the name of the file or ``archive``. The reader needs
+the members ``data.pkl``, ``version`` and one member ``data/N`` per storage. In newer files it also needs
+``byteorder``. The reader ignores other members (``.format_version``, ``.storage_alignment``,
+``.data/serialization_id``). As in a packed `.triasset`, padding in the extra field of local headers aligns
+the data to 64 bytes. Unlike in a `.triasset`, a ZIP64 end record always exists, and a copy of sizes and
+checksum follows the data (bit 3 of the flags).
 
 Sources: pytorch/pytorch `torch/serialization.py`, `caffe2/serialize/versions.h`,
 `caffe2/serialize/inline_container.cc`.
@@ -19,27 +19,27 @@ from msb.adapters.checkpoint.tensors import Extent, Refusal, Storages
 from msb.asset.strict_zip import Member, Policy, read_members
 from msb.errors import shorten
 
-# Maximum size of data.pkl in bytes. It does not contain the values of tensors, so some kilobytes are usual. A
-# list of a million losses takes 9 MiB.
+# Maximum size of data.pkl in bytes. data.pkl does not contain the values of tensors, so some kilobytes are
+# usual. A list of a million losses takes 9 MiB.
 MAX_PICKLE = 16 << 20
-# Maximum number of members. An archive has one member per tensor, and a few more. Files of the methods have
-# fewer than 30 members, and files of other large models have thousands.
+# Maximum number of members of an archive. An archive has one member per tensor, and a few others. Files of
+# the methods have fewer than 30 members, and files of other large models have thousands.
 MAX_MEMBERS = 20_000
 # Maximum length of a member's name in characters.
 MAX_NAME = 500
-# Supported versions. torch accepts up to 10 and writes 3; version 1 had another layout.
+# Supported archive versions. torch accepts versions up to 10 and writes 3; version 1 had another layout.
 VERSIONS = range(2, 11)
 _PICKLE, _DATA = "data.pkl", "data/"
 
 
 def _is_script(name: str) -> bool:
-    """Return whether a member belongs to a TorchScript program: its constants or source code."""
+    """Return whether a member (constants or source code) belongs to a TorchScript program."""
     return name.endswith("/constants.pkl") or "/code/" in name
 
 
 def _refuse_script(name: str) -> NoReturn:
-    """Raise an error: the archive is a TorchScript program."""
-    text = f"it holds a TorchScript program ({shorten(name, 40)}); a saved state is needed"
+    """Raise an error, because the archive is a TorchScript program."""
+    text = f"it contains a TorchScript program ({shorten(name, 40)}); a saved state is needed"
     raise Refusal("CHECKPOINT_NOT_RECOGNISED", text)
 
 
@@ -64,7 +64,7 @@ class _Torch(Policy):
     def compressed(self, name: str, method: int, at: int) -> NoReturn:
         """Reject a compressed member.
 
-        If the member holds source code, the error says that the file is a TorchScript program.
+        If the member contains source code, the error says that the file is a TorchScript program.
         """
         if _is_script(name):
             _refuse_script(name)
@@ -77,7 +77,8 @@ def read_archive(view: memoryview) -> Any:
     root = _root(members)
     _check_version(view, members.get(f"{root}version"))
     _check_byte_order(view, members.get(f"{root}byteorder"))
-    # The place of each storage's bytes, by its key. The pickle refers to storages by key.
+    # For each storage key, the position of the storage's bytes. The pickle refers to storages (arrays of
+    # tensor values) by key.
     prefix = root + _DATA
     places = {
         name[len(prefix) :]: Extent(member.offset, member.size)
@@ -93,7 +94,8 @@ def read_archive(view: memoryview) -> Any:
 
 
 def _root(members: dict[str, Member]) -> str:
-    """Return the folder of data.pkl, with a slash at the end. There must be only one."""
+    """Return the folder of data.pkl, with a slash at the end. The archive must have exactly one such
+    folder."""
     roots = [name[: -len(_PICKLE)] for name in members if name == _PICKLE or name.endswith("/" + _PICKLE)]
     for name in filter(_is_script, members):
         _refuse_script(name)
@@ -115,9 +117,9 @@ def _program(view: memoryview, member: Member) -> bytes:
         text = f"data.pkl has {member.size} bytes; at most {MAX_PICKLE} are read"
         raise Refusal("CHECKPOINT_FORM", text)
     program = bytes(view[member.offset : member.offset + member.size])
-    # torch can omit checksums. It then writes 0.
+    # torch can omit checksums. If torch omits checksums, it writes 0.
     if member.crc and zlib.crc32(program) != member.crc:
-        text = f"data.pkl has CRC-32 {zlib.crc32(program):08x}, but {member.crc:08x} in the archive"
+        text = f"data.pkl has CRC-32 {zlib.crc32(program):08x}, but the archive states {member.crc:08x}"
         raise Refusal("CHECKPOINT_DAMAGED", text, at=f"byte {member.offset}")
     return program
 

@@ -1,13 +1,13 @@
-"""Read files in the layout of `torch.save` before torch 1.6: pickles, then raw storages.
+"""Read files in the layout that `torch.save` used before torch 1.6: pickles, then raw storages.
 
 `torch.save` can still write this layout on request.
 
-The file has five pickles: a magic number, the number 1001, properties of the machine, the saved value, and
-the list of storage keys in the order of the file. The storages follow. Each storage consists of its number of
-elements (64 bits) and the elements. The position of a storage depends on the types of the storages before it,
-which are stated in the pickle of the saved value. Therefore this pickle is interpreted twice: first to
-collect the storages and their types, then with the positions of the storages. Source: pytorch/pytorch
-`torch/serialization.py` (`_legacy_save`).
+The file has five pickles. The pickles are a magic number, the number 1001, properties of the machine, the
+saved value, and the list of storage keys. The storages follow. Each storage consists of its number of
+elements (64 bits), followed by the elements. The pickle of the saved value states the types of the storages,
+and these types determine the positions of later storages. The pickle is therefore interpreted twice. The
+first run collects the storages and their types. The second run knows the positions of the storages. Source:
+pytorch/pytorch `torch/serialization.py` (`_legacy_save`).
 """
 
 import re
@@ -42,7 +42,8 @@ def read_legacy(view: memoryview) -> Any:
         value, position = _pickle_at(view, position)
         header.append(value)
     _check_header(*header)
-    # First run: collect the declared storages. Then find their places, and run the pickle again.
+    # First run: collect the storages that the pickle declares. Find the positions of the storages. Then run
+    # the pickle again.
     start = position
     declared = DeclaredStorages()
     _, position = _pickle_at(view, start, declared)
@@ -52,7 +53,7 @@ def read_legacy(view: memoryview) -> Any:
 
 
 def _pickle_at(view: memoryview, start: int, storages: Storages | None = None) -> tuple[Any, int]:
-    """Return the value of the pickle at byte `start` of the file, and its end."""
+    """Return the value of the pickle that begins at byte `start` of the file, and the position of its end."""
     data = bytes(view[start : start + MAX_PICKLE])
     try:
         value, end = run_pickle(data, storages, origin=start)
@@ -80,7 +81,8 @@ def _check_header(magic: Any, version: Any, system: Any) -> None:
 
 
 def _places(view: memoryview, position: int, keys: Any, declared: DeclaredStorages) -> dict[str, Extent]:
-    """Return the places of the storages, which fill the rest of the file in the order of `keys`."""
+    """Return the positions of the storages. In the order of `keys`, the storages fill the rest of the
+    file."""
     known = declared.declared
     if len(known) > MAX_STORAGES or type(keys) is not list or len(keys) != len(known):
         text = f"the list of keys does not match the {len(known)} storages"
@@ -89,7 +91,7 @@ def _places(view: memoryview, position: int, keys: Any, declared: DeclaredStorag
     for key in keys:
         at = f"byte {position}"
         if type(key) is not str or key not in known or key in places:
-            text = "the list of keys has a storage twice, or one that no tensor uses"
+            text = "the list of keys has a storage twice, or a storage that no tensor uses"
             raise Refusal("CHECKPOINT_DAMAGED", text, at=at)
         storage = known[key]
         assert storage.kind.dtype is not None
@@ -99,7 +101,7 @@ def _places(view: memoryview, position: int, keys: Any, declared: DeclaredStorag
             raise Refusal("CHECKPOINT_DAMAGED", f"the file ends before storage {key} is complete", at=at)
         (count,) = _COUNT.unpack_from(view, position)
         if count != storage.count:
-            text = f"storage {key} has {count} elements, but {storage.count} in the pickle"
+            text = f"storage {key} has {count} elements, but the pickle declares {storage.count}"
             raise Refusal("CHECKPOINT_DAMAGED", text, at=at)
         places[key] = Extent(position + _COUNT.size, length)
         position = end

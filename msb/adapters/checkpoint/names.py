@@ -1,7 +1,7 @@
-"""The names that the pickle of a checkpoint may use, and their meanings.
+"""The names that the pickle of a checkpoint may use, and the meanings of these names.
 
-A name in the file selects a function of this module. Names are never looked up in other modules, so a file
-cannot reach other code. A name outside the list is rejected before any call.
+A name in a checkpoint's pickle selects a function of this module. No other module is searched, so a file
+cannot reach other code. Unknown names are rejected before any call.
 """
 
 from collections.abc import Callable
@@ -21,9 +21,9 @@ MAX_ENCODED = 64
 
 @dataclass(frozen=True)
 class Function:
-    """A name in the pickle that stands for a function.
+    """A name in the pickle that refers to a function.
 
-    `apply` gets the storages of the file and the arguments.
+    `apply` is called with the storages of the file and the arguments from the pickle.
     """
 
     name: str
@@ -37,9 +37,11 @@ class ScalarType:
     dtype: np.dtype[Any]
 
     def accepts_state(self, state: Any) -> bool:
-        """Return whether `state` is the state that NumPy saves for a little-endian number without fields."""
-        # Version, byte order, then empty values for fields, sizes and flags (numpy: `dtype.__reduce__`).
-        # Check the types first, because arrays from the file must not be compared.
+        """Return whether `state` is the state that NumPy saves for a little-endian number type without
+        fields."""
+        # The state has the version and the byte order. Empty values for fields, sizes and flags follow
+        # (numpy: `dtype.__reduce__`). Check the types first, because comparing arrays from the file is not
+        # safe.
         if type(state) is not tuple or any(type(item) not in (int, str, type(None)) for item in state):
             return False
         return state in ((3, "<", None, None, None, -1, -1, 0), (3, "|", None, None, None, -1, -1, 0))
@@ -52,27 +54,29 @@ _SCALAR_TYPES = {
 
 
 def _ordered_dict(_: Storages, arguments: tuple[Any, ...]) -> dict[Any, Any]:
-    if arguments:  # Python 2 passed the items; Python 3 adds them one by one
-        raise Refusal("CHECKPOINT_HOSTILE", "an OrderedDict has arguments; only empty ones are supported")
+    if arguments:  # only Python 2 passes the items as arguments
+        raise Refusal(
+            "CHECKPOINT_HOSTILE", "an OrderedDict has arguments; only an empty OrderedDict is supported"
+        )
     return {}
 
 
 def _parameter(_: Storages, arguments: tuple[Any, ...]) -> Any:
-    """Return the tensor of a Parameter. The other two arguments matter only for training."""
+    """Return the tensor of a Parameter. The other two arguments of a Parameter matter only for training."""
     if len(arguments) != 3 or not isinstance(arguments[0], np.ndarray | BFloat16Array):
         raise Refusal("CHECKPOINT_HOSTILE", "the first argument of a Parameter is not a tensor")
     return arguments[0]
 
 
 def _encode(_: Storages, arguments: tuple[Any, ...]) -> bytes:
-    """Return bytes. Protocol 2 stores bytes as text, with a character for each byte."""
+    """Return bytes. Pickle protocol 2 stores bytes as text, with a character for each byte."""
     if len(arguments) != 2 or any(type(item) is not str for item in arguments) or arguments[1] != "latin1":
         raise Refusal("CHECKPOINT_HOSTILE", "bytes must be stored as text that is encoded as latin1")
     text: str = arguments[0]
     if len(text) > MAX_ENCODED or any(ord(character) > 255 for character in text):
         message = (
-            f"text that stands for bytes must have at most {MAX_ENCODED} characters, all below U+0100; "
-            f"it has {len(text)} characters"
+            f"text in place of bytes must have at most {MAX_ENCODED} characters, all below U+0100; it has "
+            f"{len(text)} characters"
         )
         raise Refusal("CHECKPOINT_HOSTILE", message)
     return text.encode("latin1")
@@ -115,8 +119,8 @@ def _storage_types() -> dict[tuple[str, str], StorageType]:
     return {("torch", kind.name): kind for kind in types}
 
 
-# The meaning of each name. Keys are pairs (module, name). Joined with a dot, two different pairs could give
-# the same text.
+# The meaning of each name in the pickle. A key is a pair (module, name), because two pairs joined by a dot
+# could give equal text.
 NAMES: dict[tuple[str, str], Function | StorageType] = {
     **_storage_types(),
     ("torch.storage", "UntypedStorage"): StorageType("UntypedStorage", None),
@@ -129,7 +133,7 @@ NAMES: dict[tuple[str, str], Function | StorageType] = {
     ("_codecs", "encode"): Function("encode", _encode),
 }
 
-# Kinds of tensors that are not supported, by their names in `torch._utils`. Messages name the kind.
+# Unsupported kinds of tensors by their names in `torch._utils`, with texts for the error message.
 OTHER_TENSORS = {
     "_rebuild_tensor": "in the format before torch 0.4",
     "_rebuild_tensor_v3": "of a type with untyped storage (uint16, float8, ...)",
@@ -146,7 +150,7 @@ OTHER_TENSORS = {
 
 
 def find(module: str, name: str) -> Function | StorageType:
-    """Return the meaning of a name in the pickle, or reject it."""
+    """Return the meaning of a name in the pickle, or reject the name."""
     meaning = NAMES.get((module, name))
     if meaning is None and module == "torch._utils" and name in OTHER_TENSORS:
         raise Refusal("CHECKPOINT_FORM", f"a tensor is {OTHER_TENSORS[name]}; save it as a dense tensor")
@@ -156,6 +160,7 @@ def find(module: str, name: str) -> Function | StorageType:
     if type(meaning) is StorageType and meaning.dtype is None:
         raise Refusal(
             "CHECKPOINT_FORM",
-            f"a tensor stores its values in a {meaning.name}, which is not supported; convert it first",
+            f"a tensor stores its values in a {meaning.name}, which is not supported; convert the tensor "
+            "first",
         )
     return meaning

@@ -1,10 +1,10 @@
-"""A safe interpreter for the part of pickle that checkpoints use.
+"""A safe interpreter for the part of the pickle format that checkpoints use.
 
-A pickle is a program for a small stack machine. Python's interpreter imports and calls everything that the
-program names, so an untrusted pickle must never be loaded with it. This interpreter has the 40 instructions
-that are needed for dicts, lists, tuples, text, numbers and tensors. Names select functions from the list in
-`names.py`. Any other instruction or name is an error. Sources for the meaning of instructions: the comments
-of python/cpython `Lib/pickletools.py`, and PEP 3154 for protocol 4.
+A pickle is a program for a small stack machine. Python's own interpreter imports and calls everything that
+the program names, so it must never load an untrusted pickle. This interpreter has the 40 instructions that
+are needed for dicts, lists, tuples, text, numbers and tensors. Names select functions from the list in
+`names.py`. Unsupported instructions and names raise an error. Sources for the meaning of instructions: the
+comments of python/cpython `Lib/pickletools.py`, and PEP 3154 for protocol 4.
 """
 
 from __future__ import annotations
@@ -19,23 +19,24 @@ from msb.adapters.checkpoint.tensors import DeclaredStorages, Refusal, Unfinishe
 if TYPE_CHECKING:
     from msb.adapters.checkpoint.tensors import Storages
 
-# Maximum number of instructions. A few thousand are usual. A list with the loss of each training step adds
-# 10,000. An instruction can need some hundred bytes (an empty dict, a tensor), so this also limits the memory
-# to some hundred MiB.
+# Maximum number of instructions. A few thousand instructions are usual. A list with the losses of all
+# training steps adds 10,000 instructions. An instruction can need some hundred bytes, for example for an
+# empty dict. The limit therefore bounds the memory to some hundred MiB.
 MAX_OPCODES = 1_000_000
-# Maximum number of memo entries: half of MAX_OPCODES, because each entry needs two instructions, one for its
-# value and one to store it.
+# Maximum number of memo entries. The maximum is half of MAX_OPCODES, because an entry takes two instructions:
+# one creates the value, one stores it.
 MAX_MEMO = 500_000
-# Maximum size of an integer in bytes. Sizes and seeds are shorter; the magic number of torch has 10 bytes.
+# Maximum size of an integer in bytes. The magic number of torch takes 10 bytes; sizes and seeds take fewer
+# bytes.
 MAX_INTEGER_BYTES = 16
 # Maximum length of a line of the instruction GLOBAL, in bytes.
 MAX_NAME = 200
-# Supported protocols. torch uses 2 by default; no file of torch with protocol 5 is known.
+# Supported protocols. torch uses protocol 2 by default; no file of torch with protocol 5 is known.
 PROTOCOLS = range(2, 5)
 
 _MISSING = object()
 _U8, _U16, _I32, _U32, _U64 = (struct.Struct(f"<{code}") for code in "BHiIQ")
-_F64 = struct.Struct(">d")  # the only big-endian number in a pickle
+_F64 = struct.Struct(">d")  # this is the only big-endian number in a pickle
 
 
 class _Machine:
@@ -47,15 +48,15 @@ class _Machine:
         self.protocol = 0
         self.frame_end: int | None = None
         self.stack: list[Any] = []
-        # For each open mark, the stack below it.
+        # The part of the stack below each open mark.
         self.below: list[list[Any]] = []
         self.memo: dict[int, Any] = {}
-        # The dictionaries that were OrderedDicts in the file, by id. Only such dictionaries can have
+        # The dictionaries, by id, that the file declares as OrderedDict. Only OrderedDicts can have
         # attributes.
         self.ordered: dict[int, dict[Any, Any]] = {}
 
     def run(self) -> Any:
-        """Run the program to the STOP instruction and return its result."""
+        """Run the program up to the STOP instruction, and return the program's result."""
         for _ in range(MAX_OPCODES):
             self.at = self.position
             if self.position >= len(self.data):
@@ -201,10 +202,10 @@ class _Machine:
     def set_items(self, items: list[Any]) -> None:
         target = self.top()
         if type(target) is not dict or len(items) % 2:
-            text = f"keys and values are added to a {type(target).__name__}; a dict and pairs are needed"
+            text = f"keys and values are added to a {type(target).__name__}, not to a dict, or are not pairs"
             raise Refusal("CHECKPOINT_HOSTILE", text)
         for key, value in zip(items[::2], items[1::2], strict=True):
-            # Keys must have types with a fast hash, because hashing a nested tuple can take 2^50 steps.
+            # Keys must have types with a fast hash. Hashing a nested tuple can take 2^50 steps.
             if type(key) is not str and not (type(key) is int and -(1 << 63) <= key < 1 << 63):
                 text = f"a key is a {type(key).__name__}; text and 64-bit integers are supported"
                 raise Refusal("CHECKPOINT_FORM", text)
@@ -237,7 +238,7 @@ class _Machine:
     def build(self) -> None:
         """Ignore the attributes of an OrderedDict (`_metadata`) and the default state of a NumPy type.
 
-        Any other state is an error.
+        Reject other attribute states.
         """
         state, target = self.pop(), self.top()
         if id(target) in self.ordered:
@@ -268,7 +269,8 @@ def _push_bytes(layout: struct.Struct) -> Callable[[_Machine], None]:
     return lambda machine: machine.push(machine.take(machine.number(layout)))
 
 
-# The instructions by byte. The comments give their names in `pickletools` of the standard library.
+# The handler of each instruction byte. The comments give the names of the instructions in `pickletools` of
+# the standard library.
 INSTRUCTIONS: dict[int, Callable[[_Machine], None]] = {
     0x80: _Machine.set_protocol,  # PROTO
     0x2E: _Machine.stop,  # STOP
@@ -311,18 +313,19 @@ INSTRUCTIONS: dict[int, Callable[[_Machine], None]] = {
     0x94: lambda m: m.put(len(m.memo), memoize=True),  # MEMOIZE
     0x93: _Machine.name_from_stack,  # STACK_GLOBAL
 }
-# The first protocol that has an instruction, by the byte of the instruction. Instructions that are not listed
-# belong to protocol 2 or earlier.
+# For each instruction byte, the first protocol with this instruction. Instructions that are not in this
+# table belong to protocol 2 or earlier.
 _SINCE = dict.fromkeys(b"\x42\x43", 3) | dict.fromkeys(b"\x95\x8c\x8d\x8e\x94\x93", 4)
 
 
 def run_pickle(
     data: bytes, storages: Storages | None = None, *, where: str = "", origin: int = 0
 ) -> tuple[Any, int]:
-    """Run the pickle at the beginning of `data`; return its value and its end.
+    """Run the pickle at the beginning of `data`; return the pickle's value and end.
 
-    Without `storages` all tensors in the value are empty. `where` and `origin` are for error messages:
-    the name of the member, such as "data.pkl ", and the position of `data` in the file.
+    Without `storages`, all tensors in the value are empty. `where` and `origin` are for error messages.
+    The texts give the name of the archive member, such as "data.pkl ", and the position of `data` in the
+    file.
     """
     machine = _Machine(data, DeclaredStorages() if storages is None else storages)
     try:

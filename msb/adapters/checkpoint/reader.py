@@ -1,4 +1,4 @@
-"""The function `read_checkpoint`, which recognises the layout of a checkpoint file and reads it."""
+"""The function `read_checkpoint`, which detects the layout of a checkpoint file and reads the file."""
 
 import os
 from collections.abc import Iterator
@@ -14,14 +14,14 @@ from msb.base.files import map_file
 from msb.errors import CheckpointError
 
 _END_RECORD = b"PK\x05\x06"
-# Size of the end record of a ZIP with the longest comment, in bytes.
+# Size in bytes of a ZIP end record with the longest comment.
 _LONGEST_TAIL = 22 + 0xFFFF
-# Maximum nesting of lists, tuples and dictionaries. Files of the methods have 5 levels; recursive code fails
-# at 1000.
+# Maximum nesting of lists, tuples and dictionaries. Files of the methods have 5 levels of nesting. Recursive
+# code fails at 1000 levels.
 MAX_DEPTH = 64
-# Maximum number of values. A shared list or dictionary counts each time it is used. If a list contains a
-# second list twice, the second contains a third twice, and so on, then 30 levels in 200 bytes give 10^9
-# values ("billion laughs"). Files of the methods do not share lists or dictionaries.
+# Maximum number of values in a checkpoint. A list or dictionary that occurs several times counts each time.
+# Nested lists that repeat each other can contain 10^9 values with 30 levels in 200 bytes ("billion laughs").
+# Files of the methods do not share lists or dictionaries.
 MAX_VALUES = 1_000_000
 
 # The message for files of an unknown kind.
@@ -32,11 +32,12 @@ _CONTAINERS = (dict, list, tuple)
 
 
 def read_checkpoint(path: str | os.PathLike[str]) -> Any:
-    """Return the value that `torch.save` wrote to `path`, without torch and without executing anything in it.
+    """Return the value that `torch.save` wrote to `path`, without torch and without executing code of the
+    file.
 
     The value consists of dictionaries, lists, tuples, text, bytes, numbers, bools and None. A tensor or
-    Parameter is a read-only NumPy view of the mapped file, with the saved shape and strides; bfloat16 is a
-    `BFloat16Array`. An OrderedDict becomes a dict, and a NumPy scalar becomes a Python number.
+    Parameter is a read-only NumPy view of the mapped file, with the saved shape and strides. A bfloat16
+    tensor is a `BFloat16Array`. An OrderedDict becomes a dict, and a NumPy scalar becomes a Python number.
     """
     path = Path(path)
     data = map_file(path)
@@ -58,7 +59,8 @@ def _read(view: memoryview) -> Any:
 
 
 def _unknown_file(view: memoryview, head: bytes) -> Refusal:
-    """Return the error for a file with neither layout; the message names the kind of file if it is known."""
+    """Return the error for a file with an unknown layout. The message names the kind of file, if
+    recognised."""
     if not head:
         return Refusal("CHECKPOINT_DAMAGED", "the file is empty")
     if head[257:262] == b"ustar":
@@ -81,16 +83,16 @@ def _unknown_file(view: memoryview, head: bytes) -> Refusal:
 
 
 def _is_safetensors(view: memoryview, head: bytes) -> bool:
-    """Return whether a file begins with a 64-bit length and a JSON object of this length."""
+    """Return whether a file begins with a 64-bit length, followed by a JSON object of this length."""
     length = int.from_bytes(head[:8], "little")
     return len(head) > 8 and head[8:9] == b"{" and length <= len(view) - 8
 
 
 class _Node:
-    """A container on the path from the root.
+    """A container on the path from the root to the current value.
 
-    `rest` iterates over the values that have not been visited yet. `height` is the number of levels, and
-    `count` the number of values, among the values visited so far.
+    `rest` iterates over the values that have not been visited yet. `height` is the number of nested levels
+    visited so far, and `count` is the number of values visited so far.
     """
 
     def __init__(self, container: Any) -> None:
@@ -107,10 +109,10 @@ class _Node:
 def _check_structure(root: Any) -> None:
     """Reject a value that is not plain data, contains itself, or is too large or too deep for recursive code.
 
-    Time and memory are linear in the number of different containers, even if they are shared.
+    Time and memory are linear in the number of different containers, even if containers are shared.
     """
-    # Depth-first search without recursion. `known` holds the finished containers by id. `open_now` holds the
-    # ids of the containers on the path.
+    # The function searches depth-first, without recursion. `known` has the finished containers by id.
+    # `open_now` has the ids of the containers on the path.
     path = [_Node([root])]
     known: dict[int, _Node] = {}
     open_now: set[int] = set()
@@ -140,7 +142,7 @@ def _check_structure(root: Any) -> None:
 
 
 def _check_limits(node: _Node, above: int) -> None:
-    # `_check_structure` has wrapped the value in a list, so each limit is one higher here.
+    # `_check_structure` has added an outer list, so both limits are one higher here.
     if max(node.height, above) > MAX_DEPTH + 1:
         text = f"lists, tuples and dictionaries have more than {MAX_DEPTH} levels of nesting"
         raise Refusal("CHECKPOINT_HOSTILE", text)

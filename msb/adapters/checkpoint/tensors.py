@@ -1,8 +1,9 @@
 """Storages and tensors of a checkpoint as read-only NumPy views of the mapped file.
 
-A tensor is a window of a storage: an offset, and a size and a stride for each axis, in elements. Before NumPy
-uses these numbers, they are checked with Python integers, which cannot overflow. Sources for the format:
-pytorch/pytorch, `torch/_utils.py` (the arguments of a tensor) and `torch/serialization.py` (persistent ids).
+A tensor is a window of a storage (a flat array). The window has an offset, and a size and a stride for each
+axis, all in elements. Python integers check the window without overflow before NumPy uses the numbers.
+Sources for the format: pytorch/pytorch, `torch/_utils.py` (the arguments of a tensor) and
+`torch/serialization.py` (persistent ids).
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ import numpy as np
 
 from msb.errors import shorten
 
-# Maximum number of axes, the limit of NumPy. Tensors of models have at most 4.
+# Maximum number of axes, the limit of NumPy. Tensors of models have at most 4 axes.
 MAX_AXES = 32
-# Maximum number of elements. An axis of length 0 counts as 1, because NumPy can overflow even for an empty
-# tensor.
+# Maximum number of elements of a tensor. NumPy can overflow even for an empty tensor, so an axis of length 0
+# counts as 1.
 MAX_ELEMENTS = 1 << 48
 
 _PLACEHOLDER = np.zeros(0, np.uint8)
@@ -28,14 +29,14 @@ _KEY = re.compile(r"[0-9]{1,20}\Z")
 
 
 class Refusal(Exception):
-    """An error in the file. `read_checkpoint` turns it into a `CheckpointError`.
+    """An error in the checkpoint file. `read_checkpoint` converts this exception to a `CheckpointError`.
 
     Parameters
     ----------
     code, message : str
         The code and the message of the `CheckpointError`.
     at : str, optional
-        The place in the file: "byte 12", or "data.pkl byte 12".
+        The position in the file: "byte 12", or "data.pkl byte 12".
     """
 
     def __init__(self, code: str, message: str, *, at: str | None = None) -> None:
@@ -45,7 +46,7 @@ class Refusal(Exception):
 
 
 class Unfinished(Refusal):
-    """The data ends before the pickle is complete."""
+    """The data end before the pickle is complete."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class StorageType:
 
 @dataclass(frozen=True)
 class Storage:
-    """A storage of `count` elements. Its bytes start at `offset` of the file."""
+    """A storage of `count` elements. The bytes of the storage start at `offset` of the file."""
 
     key: str
     kind: StorageType
@@ -78,30 +79,31 @@ class BFloat16Array:
         return self.bits.shape
 
     def to_float32(self) -> np.ndarray:
-        """Return a copy as float32, which is exact."""
+        """Return a copy as float32; the conversion is exact."""
         wide = self.bits.astype(np.uint32) << np.uint32(16)
         return np.asarray(wide).view(np.float32)
 
 
 class Extent(NamedTuple):
-    """Offset and length of the bytes of a storage in the file."""
+    """Offset and length, in bytes, of a storage in the file."""
 
     offset: int
     length: int
 
 
 class Storages:
-    """The storages of the file `view` and their tensors. `places` maps keys of storages to places."""
+    """The storages of the file `view`, and the tensors that use them. `places` maps keys of storages to
+    their positions."""
 
     def __init__(self, view: memoryview, places: Mapping[str, Extent]) -> None:
         self.view, self.places = view, places
         self.declared: dict[str, Storage] = {}
 
     def storage(self, reference: Any) -> Storage:
-        """Return the storage of a persistent id.
+        """Return the storage that a persistent id names.
 
-        The id is ``("storage", type, key, location, count)``, followed by None in files before torch 1.6. The
-        location (``cuda:0``, ``cpu``) is the device of the training, and is ignored.
+        The id is ``("storage", type, key, location, count)``, followed by None in files before torch 1.6.
+        The location (``cuda:0``, ``cpu``) is the device of the training, and is ignored.
         """
         code = "CHECKPOINT_HOSTILE"
         if (
@@ -122,19 +124,19 @@ class Storages:
             known = self.declared[key] = Storage(key, kind, count, self.locate(key, kind, count))
         elif (known.kind, known.count) != (kind, count):
             first, second = f"{known.count} x {known.kind.name}", f"{_count(count)} x {kind.name}"
-            text = f"storage {key} is declared as {first} and as {second}"
+            text = f"storage {key} is declared both as {first} and as {second}"
             raise Refusal("CHECKPOINT_HOSTILE", text)
         return known
 
     def locate(self, key: str, kind: StorageType, count: int) -> int:
-        """Return the start of a storage in the file, after checks of its size and values."""
+        """Return the start of a storage in the file, after checking its size and values."""
         if key not in self.places:
             raise Refusal("CHECKPOINT_DAMAGED", f"data/{key} is missing in the archive")
         assert kind.dtype is not None  # `names.find` rejects other types
         offset, length = self.places[key]
         wanted = count * kind.dtype.itemsize
         if length != wanted:
-            text = f"storage {key} has {length} bytes, but {_count(count)} x {kind.name} in the pickle"
+            text = f"storage {key} has {length} bytes, but the pickle declares {_count(count)} x {kind.name}"
             raise Refusal("CHECKPOINT_DAMAGED", text)
         if kind.dtype == np.bool_ and length and np.frombuffer(self.view, np.uint8, length, offset).max() > 1:
             raise Refusal("CHECKPOINT_DAMAGED", f"storage {key} has booleans other than 0 and 1")
@@ -155,7 +157,7 @@ class Storages:
 
 
 class DeclaredStorages(Storages):
-    """Storages whose places are not known yet. They are collected, and all tensors are empty."""
+    """Collects the storages of a file before their positions are known. All tensors are empty."""
 
     def __init__(self) -> None:
         super().__init__(memoryview(b""), {})
@@ -168,17 +170,17 @@ class DeclaredStorages(Storages):
 
 
 class Window(NamedTuple):
-    """Size and stride of a tensor, in elements."""
+    """Size and stride of a tensor in elements."""
 
     size: tuple[int, ...]
     stride: tuple[int, ...]
 
 
 def rebuild_tensor(storages: Storages, arguments: tuple[Any, ...]) -> Any:
-    """Return the tensor of a call of ``torch._utils._rebuild_tensor_v2``.
+    """Return the tensor for a call of ``torch._utils._rebuild_tensor_v2``.
 
-    The arguments are storage, offset, size, stride, requires_grad and hooks. The last two arguments matter
-    only for training.
+    The arguments of the call are storage, offset, size, stride, requires_grad and hooks. The last two
+    arguments of the call matter only for training.
     """
     code = "CHECKPOINT_HOSTILE"
     if len(arguments) != 6:
@@ -197,7 +199,8 @@ def _is_integers(value: Any) -> bool:
 
 
 def _check_window(storage: Storage, offset: int, size: tuple[int, ...], stride: tuple[int, ...]) -> Window:
-    """Check that a window is inside its storage; return the window with strides that NumPy accepts."""
+    """Check that a tensor's window is inside its storage; return the window with strides that NumPy
+    accepts."""
     where = f"a tensor in storage {storage.key}"
     if len(size) > MAX_AXES or any(n < 0 for n in size) or math.prod(n or 1 for n in size) > MAX_ELEMENTS:
         text = f"{where} has {len(size)} axes of {_list(size)}; at most {MAX_AXES} axes are allowed"
@@ -214,7 +217,7 @@ def _check_window(storage: Storage, offset: int, size: tuple[int, ...], stride: 
     if elements > storage.count:
         text = f"{where} has {_count(elements)} elements; the storage has {_count(storage.count)}"
         raise Refusal("CHECKPOINT_FORM", text)
-    # The stride of an axis of length 1, or of an empty tensor, is arbitrary and can be too large for NumPy.
+    # The stride of an axis of length 1, or of an empty tensor, is arbitrary, and can be too large for NumPy.
     return Window(
         size, tuple(step if n > 1 and elements else 1 for n, step in zip(size, stride, strict=True))
     )

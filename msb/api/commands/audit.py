@@ -23,7 +23,7 @@ class AuditOptions:
     """Additional audits, displays and output files."""
 
     weld: Annotated[
-        str | None, Option("Also audit with coincident vertices merged.", metavar="exact|EPS")
+        str | None, Option("Also audit the mesh with coincident vertices merged.", metavar="exact|EPS")
     ] = None
     cross_check: Annotated[
         bool, Option("Compare the counts with libigl, PyMeshLab, manifold3d, trimesh, NetworkX and NVIDIA.")
@@ -35,7 +35,7 @@ class AuditOptions:
         ),
     ] = None
     view: Annotated[bool, Option("Also show the mesh in a window, as msb view does. One mesh only.")] = False
-    paper: Annotated[bool, Option("Also show the paper's averages of MeshSplatting.")] = False
+    paper: Annotated[bool, Option("Also show the paper's average values of MeshSplatting.")] = False
     explain: Annotated[str | None, Option("Print the definition of a quantity and exit.", metavar="KEY")] = (
         None
     )
@@ -66,9 +66,9 @@ def audit(
 ) -> int:
     """Audit the structure of meshes exactly as they are stored.
 
-    The audit reports how vertices are shared, where the surface is open, non-manifold or in pieces, and
-    whether a technical artist can use the mesh. Nothing is merged or repaired first. With several meshes a
-    table is printed at the end.
+    The audit reports how vertices are shared, and where the surface is open, non-manifold or in pieces. The
+    verdict says whether a technical artist can use the mesh. Nothing is merged or repaired before counting.
+    With several meshes, a table is printed at the end.
     """
     prints_only = options.version or options.explain is not None
     require(
@@ -97,7 +97,10 @@ def audit(
 
 
 class _Task:
-    """A run of the command. All options are parsed first; then the meshes are read and audited in turn."""
+    """A single run of the command `msb audit`.
+
+    All options are parsed first. After the options, the meshes are read and audited in turn.
+    """
 
     def __init__(self, options: AuditOptions, conditions: GateOptions, output: Output) -> None:
         from msb.topology.weld import parse_weld
@@ -117,7 +120,7 @@ class _Task:
         self.seen: tuple[Path, StoredMesh, Audit, Analysis] | None = None
 
     def run(self, paths: tuple[Path, ...]) -> int:
-        """Audit all inputs in `paths`; return the highest exit status."""
+        """Audit all inputs in `paths`. Return the highest exit status."""
         from msb.api.command_files import for_each
         from msb.topology.audit import SCHEMA
 
@@ -133,7 +136,10 @@ class _Task:
         return status
 
     def audit_mesh(self, path: Path, alone: bool) -> tuple[dict[str, Any], int]:
-        """Audit the mesh at `path` and print the report; return its JSON data and the status of the gates."""
+        """Audit the mesh at `path` and print the report.
+
+        Return the JSON data of the audit, and the exit status that follows from the gates (conditions).
+        """
         from msb.api.auditing import audit_stored
         from msb.api.command_files import note_warnings
         from msb.api.commands.audit_text import print_audit
@@ -141,7 +147,7 @@ class _Task:
 
         with self.output.progress(f"reading {path.name}"):
             mesh = read_stored(path, images=self.options.view)
-        # Infos about ignored parts of a file, such as normals, do not concern the audit.
+        # Findings with the severity "info", such as ignored normals, do not affect the audit.
         warnings = (warning for warning in mesh.warnings if warning.severity != "info")
         note_warnings(warnings, path, self.output)
         with self.output.progress(f"auditing {path.name}: {len(mesh.faces):,} faces"):
@@ -153,7 +159,7 @@ class _Task:
             from msb.topology.elements import find_elements
 
             write_elements(find_elements(analysis), self.options.elements, overwrite=self.output.force)
-        # Print the report, after a blank line if it is not the first one.
+        # Print the report. Print a blank line before every report except the first.
         times = ", ".join(f"{stage} {time:.1f} ms" for stage, time in result.timings_ms.items())
         self.output.note(f"{path}: {result.computed_by}: {times}", level=1)
         if self.output.prints_text:
@@ -162,7 +168,7 @@ class _Task:
             print_audit(result, self.output, paper=self.options.paper, hint=alone)
         self.audits[str(path)] = result
         self.seen = path, mesh, result, analysis
-        # Evaluate the gates. Each gate that fails prints a line on standard error.
+        # Evaluate the gates. Each gate (condition) that fails prints a line on standard error.
         failed = [error for gate in self.gates if (error := gate.check(result, path))]
         self.failed_gates += bool(failed)
         failed += _disagreements(result, path)
@@ -181,19 +187,19 @@ class _Task:
         present(build_model(viewed_mesh(mesh, path), result, analysis), ViewOptions(), Window(), self.output)
 
     def compare_libraries(self, result: Audit, analysis: Analysis, mesh: StoredMesh, path: Path) -> Audit:
-        """Return the audit; it contains a comparison with other libraries."""
+        """Return the audit with a comparison with other libraries."""
         from msb.topology.crosscheck import cross_check
 
         with self.output.progress(f"comparing {path.name} with other libraries"):
             check = cross_check(mesh.vertices, mesh.faces, result, analysis)
         for what, why in check.skipped.items():
-            # Report a library that is skipped. A quantity that a library cannot compute for this mesh is
-            # reported only with -v.
+            # Report each library that is skipped. With -v, also report quantities that a library cannot
+            # compute for this mesh.
             self.output.note(f"{path}: {what} skipped: {why}", level=1 if " " in what else 0)
         return replace(result, cross_check=check.to_rows())
 
     def print_all(self, documents: list[dict[str, Any]]) -> None:
-        """Print a row for each mesh and a line of totals; with --quiet only the totals."""
+        """Print a row for each mesh and a line of totals. With --quiet print only the totals."""
         from msb.api.commands.audit_text import print_summary, totals
 
         audits = [(document["path"], self.audits.get(document["path"], document)) for document in documents]
@@ -205,7 +211,7 @@ class _Task:
 
 
 def _disagreements(result: Audit, path: Path) -> list[GateFailed]:
-    """Return an error for each count that another library contradicts."""
+    """Return an error for each count for which another library has a different value."""
     texts = [
         f"{row['quantity']} is {row['ours']}, but {row['theirs']} for {row['peer']}"
         for row in result.cross_check or ()
@@ -215,5 +221,5 @@ def _disagreements(result: Audit, path: Path) -> list[GateFailed]:
 
 
 def _row(data: dict[str, Any]) -> dict[str, Any]:
-    """Return the row of --csv for the JSON data of an audit."""
+    """Return the row of --csv from the JSON data of an audit."""
     return {**{key: data[key] for key in ("path", "method", "topology")}, **data["counts"], **data["metrics"]}

@@ -1,6 +1,6 @@
 """Print an audit as text: the verdict, the paper's eight columns, the defects, and the verdict again.
 
-After several audits a table has a row for each mesh.
+After several audits, print a table with a row for each mesh.
 """
 
 from collections.abc import Iterable, Sequence
@@ -43,27 +43,28 @@ _DEFECTS = (
     ("nonfinite_faces", "face", "faces", "faces without a finite area"),
     ("unreferenced_vertices", "vertex", "vertices", "unused vertices"),
 )
-# The colour of the word for each verdict level. If colours are off, the word alone is sufficient.
+# The colour of the printed word for each verdict level. The word itself is readable without colours.
 _STYLES: dict[Level, str] = {"ok": "green", "limited": "yellow", "bad": "red"}
 _VERDICTS = {"agrees": "agrees", "differs_by_definition": "by definition", "disagrees": "DISAGREES"}
 
 
 def print_audit(audit: Audit, output: Output, *, paper: bool = False, hint: bool = True) -> None:
-    """Print the report of an audit; with --quiet only the verdict.
+    """Print the report of an audit. With --quiet print only the verdict.
 
-    `paper` adds the paper's average row of MeshSplatting. `hint` adds commands to run next.
+    The argument `paper` adds the row with the paper's average of MeshSplatting. The argument `hint` adds
+    commands that the user can run next.
     """
     _print_verdict(audit, output)
     if output.quiet:
         return
-    # Line 2: what kind of mesh it is, and its size.
+    # Line 2 gives the kind of mesh and its size.
     counts = audit.counts
     kind = "triangle soup (triangles that share no vertices)" if counts.all_apart else "indexed mesh"
-    kind = "triangle list (its format shares no vertices)" if audit.seams == "format" else kind
+    kind = "triangle list (its file format shares no vertices)" if audit.seams == "format" else kind
     method = f", {audit.method}" if audit.method else ""
     output.line(f"{kind}, {counts.vertices:,} vertices, {counts.faces:,} faces{method}")
     output.line("")
-    # The table of metrics: this mesh, the welded mesh and the paper's average.
+    # The rows of the metrics table are this mesh, the welded mesh, and the paper's average.
     stored = vars(audit.metrics)
     rows: list[tuple[str, dict[str, Any]]] = [("as stored" if audit.without_seams else "this mesh", stored)]
     if audit.without_seams:
@@ -88,7 +89,7 @@ def print_audit(audit: Audit, output: Output, *, paper: bool = False, hint: bool
     if audit.cross_check is not None:
         _print_cross_check(audit.cross_check, output)
     output.line("")
-    # a terminal could interpret other characters as commands
+    # A terminal could interpret other characters as commands.
     if hint and audit.path is not None and str(audit.path).isprintable():
         path = shell_word(audit.path)
         if commands := native_advice(audit, path):
@@ -112,7 +113,10 @@ def _print_verdict(audit: Audit, output: Output) -> None:
 
 
 def print_summary(audits: Iterable[tuple[str, Audit | dict[str, Any]]], output: Output) -> None:
-    """Print a row for each mesh, or the code of its error. In a pipe every row is one line."""
+    """Print a row for each mesh.
+
+    The row of a failed mesh contains the error code. In a pipe, no row is wrapped.
+    """
     rows: list[tuple[Cell, ...]] = []
     for path, audit in audits:
         if isinstance(audit, dict):
@@ -125,8 +129,11 @@ def print_summary(audits: Iterable[tuple[str, Audit | dict[str, Any]]], output: 
 
 
 def totals(audits: Sequence[Audit | dict[str, Any]], failed_gates: int | None = None) -> str:
-    """Return the number of meshes with each verdict and, if there are gates, of meshes that failed a gate."""
-    # Failed inputs are documents (dicts) with an error.
+    """Return the number of meshes with each verdict.
+
+    With gates (conditions), also return the number of meshes that failed a gate.
+    """
+    # A failed input is a document (dict) with an error.
     levels = [audit.verdict for audit in audits if not isinstance(audit, dict)]
     parts = [f"{levels.count(level)} {level}" for level in _STYLES]
     unread = len(audits) - len(levels)
@@ -143,7 +150,7 @@ def _print_defects(audit: Audit, output: Output) -> None:
     if audit.without_seams is not None:
         stored = audit.counts.boundary_edges
         output.line(
-            f"Counts with seams merged, as in the verdict. The file as stored has {stored:,} boundary edges "
+            f"The verdict merges seams for these counts. The stored file has {stored:,} boundary edges "
             f"and {audit.counts.components:,} components."
         )
     if soup and counts["boundary_edges"]:
@@ -155,7 +162,7 @@ def _print_defects(audit: Audit, output: Output) -> None:
         if not count or (key == "boundary_edges" and soup):
             continue
         places = [_where(noun, sample) for sample in judged.samples.get(key, ())]
-        # these elements are also in the row above, so their positions are not repeated
+        # Do not repeat positions that the row above lists.
         if key == "multifan_vertices":
             places = [place for place in places if place not in above] or ["as above"]
         above = places
@@ -170,13 +177,16 @@ def _print_defects(audit: Audit, output: Output) -> None:
 def _where(noun: str, sample: Sample) -> str:
     """Return the name and the position of an element: "edge 3-7 at 0.1 0.2 0.3"."""
     place = " ".join(f"{x:.3g}" for x in sample.coordinates[0])
-    # An edge is identified by its two vertices, because its index only exists in msb.
+    # An edge is identified by its two vertices, because the edge index exists only in msb.
     name = "-".join(map(str, sample.vertices)) if noun == "edge" else str(sample.element)
     return f"{noun} {name} at {place}"
 
 
 def _print_cross_check(rows: Sequence[dict[str, Any]], output: Output) -> None:
-    """Print how many quantities each library confirms, then the quantities that differ; with -v all."""
+    """Print the number of quantities that each library confirms, then the different quantities.
+
+    With -v print all quantities.
+    """
     peers: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
         peers.setdefault(f"{row['peer']} {row['version']}", []).append(row)

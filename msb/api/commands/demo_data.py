@@ -14,11 +14,11 @@ def demo_data(
     target: Annotated[Path, Argument("Folder to write.", metavar="DIR", output="own")],
     output: PlainOutput,
 ) -> None:
-    """Write small scenes, trained models and protocols to try every command on (8 MB, no download).
+    """Write small scenes, trained models and protocols to try every command with (8 MB, no download).
 
-    For each dataset there is a scene in its layout, with models by four methods. There are also a checkpoint,
-    an asset with the typical defects of trained models, cameras, and two protocols: one for two scenes and
-    one for all. --force replaces demo data in DIR and keeps all other files.
+    Each dataset has a scene in the dataset's layout, with models by four methods. The data also has a
+    checkpoint, an asset with typical defects of trained models, and cameras. Two protocols describe
+    benchmarks of two scenes and of all scenes. --force replaces demo data in DIR, and keeps all other files.
     """
     from msb.api.demo import PROTOCOL, RESULTS, write_demo
 

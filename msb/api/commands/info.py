@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 def info(path: Source, output: JsonOutput) -> None:
     """Show the contents of an asset, checkpoint or mesh file: method, counts, bounds, settings and buffers.
 
-    For a .triasset the command reads the manifest and checks paths and sizes. msb validate also checks the
+    For a .triasset, the command reads the manifest and checks paths and sizes. msb validate also checks the
     values. For a mesh file or checkpoint, msb info shows the asset that msb convert would write. Gaussian
-    splats are not a mesh: the command shows them, and ends with status 4.
+    splats are not a mesh. The command shows Gaussian splats, and ends with exit status 4.
     """
     from msb.api.command_files import open_asset
     from msb.asset.tiers import reject_gaussians
@@ -34,7 +34,7 @@ def info(path: Source, output: JsonOutput) -> None:
     size = sum(spec.byte_length for spec in asset.manifest.buffers.values())
     manifest, textures = asset.manifest.to_dict(), _textures(asset.manifest)
     document = {"schema": "msb.info/1", "path": str(path), "buffer_bytes": size, "manifest": manifest}
-    if any(asset.manifest.origin):  # the bounds in the manifest are relative to it
+    if any(asset.manifest.origin):  # The bounds in the manifest are relative to the origin.
         bounds, sphere = asset.manifest.bounds, asset.manifest.bounding_sphere
         center = _in_scene(sphere.center, asset.manifest)
         document["bounds"] = {key: _in_scene(getattr(bounds, key), asset.manifest) for key in ("min", "max")}
@@ -61,7 +61,7 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
     unit = (
         f"{frame.units} units" if length is None else f"a unit is {length:g} m ({(m.unit or {})['source']})"
     )
-    # A row per property; rows that do not apply are omitted.
+    # The table has a row for each property, and omits rows that do not apply.
     rows: list[tuple[str, str]] = [
         (
             "file",
@@ -90,7 +90,7 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
     ]
     output.table((), ((label, shorten(text, 200)) for label, text in rows))
     echo()
-    # The table of buffers, with their total size.
+    # The table of buffers with their total size.
     buffers = [
         (name, " x ".join(map(str, spec.shape)), spec.dtype, spec.domain, f"{spec.byte_length:,}")
         for name, spec in m.buffers.items()
@@ -100,7 +100,7 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
 
 
 def _textures(manifest: Manifest) -> list[dict[str, Any]]:
-    """Return name, width, height and channels of each texture, sorted by number."""
+    """Return name, width, height and channels of each texture, sorted by texture number."""
     from msb.asset.texture import NAME
 
     names = sorted(
@@ -114,7 +114,7 @@ def _topology(manifest: Manifest) -> str:
     """Return the kind and number of the primitives as text."""
     counts = ", ".join(manifest.counts)
     if manifest.primitive == "gaussian":
-        return f"{counts}, each with a stand-in triangle"
+        return f"{counts}, each with a placeholder triangle"
     return f"{manifest.topology.replace('_', ' ')}, {counts}"
 
 
@@ -141,7 +141,7 @@ def _training(manifest: Manifest) -> str:
     """Return the properties of the training as text."""
     texts = {name: f"{name} {value}" for name, value in manifest.training.items() if name != "eval"}
     if (held_out := manifest.training.get("eval")) is not None:
-        texts["eval"] = "test views held out" if held_out else "trained on the test views, too"
+        texts["eval"] = "test views held out" if held_out else "the training also used the test views"
     return ", ".join(texts.values())
 
 

@@ -1,4 +1,4 @@
-"""`msb validate`: report everything that is wrong with an asset, each finding with its code."""
+"""`msb validate`: report all errors of an asset with their codes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from msb.asset import Validation
 
 SCHEMA = "msb.validate/1"
-# Maximum number of findings of an asset in JSON. A hostile manifest of 1 MiB can cause 90,000.
+# Maximum number of findings per asset in JSON. A hostile manifest of 1 MiB can cause 90,000 findings.
 MAX_FINDINGS = 1000
 
 
@@ -28,7 +28,7 @@ MAX_FINDINGS = 1000
 def validate(
     paths: Annotated[
         tuple[Path, ...],
-        Argument("Assets, mesh files, or folders of these.", metavar="PATH..."),
+        Argument("Assets, mesh files, or folders of such files.", metavar="PATH..."),
     ] = (),
     *,
     explain: Annotated[
@@ -39,10 +39,10 @@ def validate(
 ) -> None:
     """Check assets completely: container, manifest, sizes, hashes and values.
 
-    Errors make the command fail with status 1; warnings and infos do not. A mesh file or checkpoint is
+    Errors make the command fail with status 1. Warnings and infos do not. A mesh file or checkpoint is
     converted to an asset in memory, and this asset is checked.
     """
-    require(paths or explain, "Missing PATH. Pass a .triasset, a mesh file or a folder of these")
+    require(paths or explain, "Missing PATH. Pass a .triasset, a mesh file, or a folder with such files")
     if paths:
         typed.reject(["explain"], "cannot be combined with PATH")
     if explain is not None:

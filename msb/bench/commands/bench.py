@@ -16,9 +16,9 @@ from msb.errors import GateFailed, InputError, UsageError, shorten
 from msb.render.options import NO_CAMERAS, RendererOptions, Source, Tier, ViewOptions
 
 SCHEMA = "msb.bench/1"
-# Number of views around the asset without --cameras.
+# Number of views around the asset when --cameras is not given.
 _VIEWS = 8
-# Keys that should be equal in two compared records; a difference gives a note.
+# Keys that are compared between two records. The command prints a note on each difference.
 _SAME = (
     "method", "faces", "tier", "renderer", "order", "sampling", "views", "sizes", "machine.device.name",
     "machine.device.driver",
@@ -27,17 +27,17 @@ _SAME = (
 
 @dataclass(frozen=True)
 class BenchOptions:
-    """The tier to time, and an earlier record to compare with."""
+    """Options for the tier to time, and for an earlier record to compare with."""
 
-    tier: Annotated[Tier, Option("The tier to time; msb methods describes the tiers.")] = "standard"
+    tier: Annotated[Tier, Option("The renderer tier to time; msb methods describes the tiers.")] = "standard"
     compare: Annotated[
-        Path | None, Option("Compare with a record that --json wrote earlier.", metavar="OLD.json")
+        Path | None, Option("Compare with an earlier record written by --json.", metavar="OLD.json")
     ] = None
     fail_slower: Annotated[
         str | None,
         Option(
-            "With --compare: fail if the median device time exceeds that of OLD.json by more than PERCENT, "
-            "for example 10%.",
+            "With --compare: fail if the median device time exceeds the time in OLD.json by more than "
+            "PERCENT, for example 10%.",
             metavar="PERCENT",
         ),
     ] = None
@@ -71,9 +71,9 @@ def bench(
     """Measure how fast an asset is rendered, and how much memory the renderer needs.
 
     The output lists frames per second, the median (P50) and the 95th percentile (P95) of the device time, the
-    stages of the renderer, and its memory. Images are not written or read back during the timing. Memory
-    covers all views, including those not reached by the timing. Without --cameras, eight views around the
-    asset are used.
+    stages of the renderer, and its memory. Images are neither written nor read back during the timing. The
+    memory covers all views, including views that the timing does not reach. Without --cameras, eight views
+    around the asset are used.
     """
     if views.cameras is None:
         typed.reject(["camera"], NO_CAMERAS)
@@ -100,7 +100,7 @@ def bench(
     with Renderer(asset, options.tier, drawing.device, settings, name=drawing.renderer, **lean) as renderer:
         with output.counted("timing", timing.frames) as step:
             timed = profile(renderer, cameras, color, **asdict(timing), step=step)
-        # A renderer of another package is assumed to use OpenCL if it measures device times.
+        # A renderer of another package that measures device times is assumed to use OpenCL.
         ours = (drawing.renderer or options.tier) in ON_OPENCL
         opencl = ours or (drawing.renderer is not None and timed.timing.has_device_times)
         about = machine(drawing.device, opencl=opencl, engine=renderer.device_info)
@@ -144,8 +144,8 @@ def _check_slower(now: float, old: dict[str, Any], limit: float, path: Path) -> 
         raise UsageError("USAGE", "--fail-slower: OLD.json has no median device time (device_ms.p50)")
     if now > before * (1 + limit):
         text = (
-            f"the median device time is {now:.3g} ms and was {before:.3g} ms: {now / before - 1:+.0%}, "
-            f"but at most {limit:+.0%} is allowed"
+            f"the median device time is {now:.3g} ms, before {before:.3g} ms ({now / before - 1:+.0%}); "
+            f"the limit is {limit:+.0%}"
         )
         raise GateFailed("GATE_FAILED", text, file=path)
 
@@ -159,7 +159,7 @@ def _get(record: dict[str, Any], key: str) -> Any:
 
 
 def _read_old(path: Path) -> dict[str, Any]:
-    """Return an earlier record of `msb bench --json`."""
+    """Read an earlier record of `msb bench --json`."""
     from msb.asset.strict_json import MAX_BYTES, parse_strict_json
     from msb.base.files import read_file
 
@@ -185,7 +185,7 @@ def _is_record(data: dict[str, Any]) -> bool:
 
 
 def _print(record: dict[str, Any], old: dict[str, Any] | None, output: Output) -> None:
-    """Print the record as a table, with a column for an older one."""
+    """Print the record as a table, with a column for an older record."""
     device = record["machine"].get("device")
     modes = [f"{name} {record[name]}, " for name in ("order", "sampling") if name in record]
     output.line(
@@ -208,9 +208,9 @@ def _print(record: dict[str, Any], old: dict[str, Any] | None, output: Output) -
 
 
 def _list_rows(record: dict[str, Any], everything: bool) -> Iterator[tuple[str, str, Any]]:
-    """Yield the rows of the table: label, unit, and a function that reads the value from a record.
+    """Yield the table rows: label, unit, and a function that reads the value from a record.
 
-    Without `everything`, buffers with less than 1 % of the memory are left out.
+    If `everything` is false, buffers with less than 1 % of the memory are left out.
     """
     yield "frames per second", "", lambda data: data["fps"]
     yield "device time, median (P50)", "ms", lambda data: data["device_ms"].get("p50")
@@ -229,7 +229,7 @@ def _list_rows(record: dict[str, Any], everything: bool) -> Iterator[tuple[str, 
 
 
 def _format_number(value: float | None, unit: str) -> str:
-    """Return a value with its unit, or "--": bytes as MiB, and short times in microseconds."""
+    """Return a value with its unit, or "--". Bytes are printed as MiB, and short times in microseconds."""
     if value is None:
         return "--"
     if unit == "B":

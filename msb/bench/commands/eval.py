@@ -38,7 +38,7 @@ class EvalOptions:
     background: Annotated[
         str | None,
         Option(
-            "Blend images that have alpha over this colour: black, white, #rrggbb or r,g,b in 0..1.",
+            "Blend images with alpha over this colour: black, white, #rrggbb or r,g,b in 0..1.",
             metavar="COLOR",
         ),
     ] = None
@@ -56,7 +56,7 @@ def evaluate(
     pred: Annotated[Path, Argument("Folder of images, or one image.", metavar="PRED")],
     gt: Annotated[
         Path,
-        Argument("The ground truth: an image, a folder with the same file names, or a scene.", metavar="GT"),
+        Argument("Ground truth: an image, a folder with the same file names, or a scene.", metavar="GT"),
     ],
     options: EvalOptions,
     reading: SceneOptions,
@@ -65,12 +65,13 @@ def evaluate(
 ) -> int:
     """Compare images with their ground truth by PSNR, SSIM, LPIPS and other metrics.
 
-    Two images are a pair if their paths within the folders agree. The file extension (png, jpg, npy, exr) may
-    differ. The images of a pair must have equal sizes, because nothing is resized. All values are clamped and
-    rounded to 8 bits. An invalid image gives one line on standard error and the exit status 3. The other
-    images are still compared.
+    Two images form a pair if their paths relative to the folders are equal. The file extensions of a pair
+    (png, jpg, npy, exr) may differ. The images of a pair must have equal sizes, because images are not
+    resized. All pixel values are clamped and rounded to 8 bits. For an invalid image, a line is printed on
+    standard error and the exit status is 3. The remaining images are still compared.
 
-    With a scene, the ground truth is its test photographs, undistorted, masked and resized as in msb run.
+    If GT is a scene, its test photographs are the ground truth, undistorted, masked and resized as in msb
+    run.
     """
     color = None if options.background is None else parse_color_option(options.background)
     from msb.metrics import pair_images
@@ -89,7 +90,7 @@ def evaluate(
 def _write_photographs(
     path: Path, folder: Path, reading: SceneOptions, color: Color | None, output: Output
 ) -> dict[Path, Path]:
-    """Write the test photographs of a scene as they are compared; return written file -> photograph."""
+    """Write the prepared test photographs of a scene, and return the photograph of each written file."""
     from msb.metrics.ground_truth import ground_truth
     from msb.render.images import image_names, write_image
     from msb.scenes import read_scene
@@ -124,13 +125,13 @@ class _Comparison:
         from msb.metrics import IMAGE_METRICS, Measures
 
         self.output, self.pred, self.gt, self.background = output, pred, gt, color
-        # Written ground truth of a scene -> its photograph.
+        # The photograph of each written ground-truth file of a scene.
         self.photographs = photographs or {}
         self.reason = NO_WEIGHTS if vgg_weights is None else None
         self.metrics = IMAGE_METRICS
         with nullcontext() if vgg_weights is None else output.progress(f"reading {vgg_weights.name}"):
             self.measures = Measures(vgg_weights)
-        # For each pair: whether the image is uniform, and whether the ground truth is uniform.
+        # For each pair, whether the image is uniform, and whether its ground truth is uniform.
         self.uniform: list[tuple[bool, bool]] = []
         self.notes = [warning.to_line(vgg_weights) for warning in self.measures.warnings]
 
@@ -153,7 +154,7 @@ class _Comparison:
                 try:
                     rows.append(self.compare(pair))
                 except MsbError as error:
-                    # Equal errors about sizes are printed for the first image only.
+                    # Repeated errors about sizes are printed only for the first image.
                     repeated = error.code == "METRIC_SIZES_DIFFER" and counts[error.message] > 0
                     status = max(status, EXIT_STATUS[type(error)] if repeated else report_error(error))
                     counts[error.message] += 1
@@ -167,8 +168,8 @@ class _Comparison:
         for message, count in counts.items():
             if count > 1:
                 self.output.note(f"{count} of {len(pairs)} images have the same error: {message}")
-        # If all images are uniform and the ground truth is not, the images show nothing. Their metrics would
-        # mislead.
+        # If all images are uniform and the ground truth is not, the images do not show the model. Metrics of
+        # images without the model would be misleading.
         is_empty = bool(rows) and all(a for a, _ in self.uniform) and not all(b for _, b in self.uniform)
         if is_empty:
             rows = [{**row, **dict.fromkeys(self.metrics)} for row in rows]
@@ -180,7 +181,7 @@ class _Comparison:
         return status
 
     def compare(self, pair: ImagePair) -> dict[str, Any]:
-        """Return the row of a pair: names, size and metrics."""
+        """Return the row of a pair of images: names, size and metrics."""
         from msb import metrics
         from msb.metrics.images import is_plain
 
@@ -197,7 +198,7 @@ class _Comparison:
             }
 
     def make_document(self, rows: list[dict[str, Any]], failed: list[dict[str, Any]]) -> dict[str, Any]:
-        """Return the JSON document; its averages are over the images that could be compared."""
+        """Return the JSON document. Averages include only the images that could be compared."""
         from msb.errors import json_safe
         from msb.metrics.registry import mean_of
 
@@ -218,7 +219,7 @@ class _Comparison:
         }
 
     def print_table(self, rows: list[dict[str, Any]], data: dict[str, Any]) -> None:
-        """Print the table of metrics; with --quiet only the averages."""
+        """Print the table of metrics. With --quiet, print the averages only."""
         from msb.metrics.images import PSNR_CAP
         from msb.metrics.vgg import weights_source
 
@@ -239,7 +240,7 @@ class _Comparison:
         if data["psnr_inf_count"]:
             number = data["psnr_inf_count"]
             equal = "1 image is equal" if number == 1 else f"{number} images are equal"
-            text = f"{equal} to the ground truth; infinite PSNR counts as {PSNR_CAP:g} dB in the average"
+            text = f"{equal} to the ground truth; averages use {PSNR_CAP:g} dB for an infinite PSNR"
             self.output.line(text)
         loaded = ", ".join(metric.title for metric in self.metrics.values() if metric.load is not None)
         reason = f"{loaded} --: {self.reason}; " if self.reason else f"{loaded}: "

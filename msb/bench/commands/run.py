@@ -28,13 +28,13 @@ if TYPE_CHECKING:
     from msb.bench.run import CellOutcome, Report
 
 _SCHEMA = "msb.run/1"
-# The beginning of every JSON file that msb run writes.
+# The first bytes of every JSON file written by msb run.
 _START = re.compile(rb'\s*\{\s*"schema"\s*:\s*"%s"' % re.escape(_SCHEMA).encode())
 
 
 @dataclass(frozen=True)
 class RunOptions:
-    """The protocol and cells to evaluate, the results folder, and the workers."""
+    """Options for the protocol, the cells to evaluate, the results folder and the workers."""
 
     scene: Annotated[
         Path | None, Option("Evaluate a single asset, given as PROTOCOL, on this scene.", metavar="DIR")
@@ -42,7 +42,7 @@ class RunOptions:
     non_engine: Annotated[
         Path | None,
         Option(
-            "With --scene: compare with official renderings in DIR, or with our reference renderer.",
+            "Renderings to compare with --scene: a folder of official renderings, or our reference renderer.",
             metavar="DIR|reference",
         ),
     ] = None
@@ -65,7 +65,7 @@ class RunOptions:
     only: Annotated[
         tuple[str, ...],
         Option(
-            "Evaluate only cells whose dataset, scene, method or condition is WORD. Repeatable.",
+            "Evaluate only benchmark cells whose dataset, scene, method or condition is WORD. Repeatable.",
             metavar="WORD[/WORD]",
         ),
     ] = ()
@@ -73,7 +73,7 @@ class RunOptions:
     dry_run: Annotated[
         bool,
         Option(
-            "Show finished and pending cells and missing inputs without running anything.",
+            "Show finished and pending benchmark cells and missing inputs without running anything.",
             ("--dry-run", "-n"),
         ),
     ] = False
@@ -83,7 +83,10 @@ class RunOptions:
     ] = None
 
     def read_protocol(self, path: Path, reading: SceneOptions) -> ProtocolFile:
-        """Return the protocol at `path`; with --scene, a protocol for the asset at `path` on that scene."""
+        """Return the protocol at `path`.
+
+        With --scene, return a protocol for the asset at `path` on that scene.
+        """
         from msb.bench.protocol import make_single_protocol, read_protocol
 
         if self.scene is not None:
@@ -99,13 +102,13 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class RunOutput(Output):
-    """Output that may replace the JSON file of an earlier run without --force."""
+    """An output option. Without --force, it replaces no file except the JSON file of an earlier run."""
 
     _remedy: ClassVar[str] = "msb run replaces only JSON files of earlier runs; use another file name"
 
     def may_replace(self, path: Path) -> bool:
         """Return whether the file at `path` is the JSON of a run."""
-        if is_stream(path):  # reading a pipe would wait for a writer
+        if is_stream(path):  # do not open a pipe, because opening waits until another program writes
             return True
         try:
             with path.open("rb") as file:
@@ -132,12 +135,12 @@ def run(
     output: Annotated[RunOutput, ("json_file", "quiet", "verbose")],
     typed: Typed,
 ) -> int:
-    """Evaluate methods on scenes in all conditions: image quality, gaps, speed, memory and audits.
+    """Evaluate methods on scenes under all conditions: image quality, gaps, speed, memory and audits.
 
-    Each cell (dataset, scene, method, condition) has one record. Finished cells are not computed again. Start
-    the same command again to continue after an interruption, or to evaluate models that were added. A failed
-    cell does not stop the others, and the exit status is the highest status of all failures. msb report
-    writes tables.
+    Each benchmark cell (dataset, scene, method, condition) has one record. Finished cells are not computed
+    again. Start the same command again to continue after an interruption, or to evaluate added models. A
+    failed benchmark cell does not stop other cells. The exit status is the highest status of all failures.
+    msb report writes tables.
     """
     if options.example is not None:
         others = typed.keys() - {"example", "quiet", "verbose", "color", "log_file", "debug"}
@@ -145,8 +148,8 @@ def run(
     require(path or options.example, "Missing PROTOCOL. Print an example with: msb run --example paper")
     if options.scene is None:
         keys = ["non_engine", *(name for name in SCENE_OPTIONS if name != "dataset")]
-        typed.reject(keys, "needs --scene; a protocol has a key of that name")
-        typed.reject(["dataset"], "needs --scene; a protocol names its datasets")
+        typed.reject(keys, "applies to --scene only; for a protocol, set the key with this name in the file")
+        typed.reject(["dataset"], "applies to --scene only; the protocol names the datasets")
     if options.example is not None:
         from msb.bench.protocol import read_example
 
@@ -196,10 +199,10 @@ def run(
 
 
 def _group_failures(report: Report, *, dry: bool) -> dict[Reason, list[str]]:
-    """Return the cells, or parts of cells, that failed, grouped by the reason of the failure."""
+    """Group the failed cells and the failed parts of cells by the reason of the failure."""
     failures: dict[Reason, list[str]] = {}
     for row in report.rows:
-        if dry and row.planned.status == "failed":  # already listed among the missing inputs
+        if dry and row.planned.status == "failed":  # these inputs are already listed as missing
             continue
         for part, reason in row.reasons.items():
             if not reason.code.startswith("UNSUPPORTED_"):
@@ -209,7 +212,7 @@ def _group_failures(report: Report, *, dry: bool) -> dict[Reason, list[str]]:
 
 
 class _ProgressDisplay:
-    """Shows the progress of each stage: a bar on a terminal, lines elsewhere, and with -v each task."""
+    """Shows the progress of each stage: a bar on a terminal, lines elsewhere, and with -v all tasks."""
 
     def __init__(self, output: Output) -> None:
         self.output = output
@@ -288,7 +291,8 @@ def _print(file: ProtocolFile, report: Report, output: Output, *, dry: bool) -> 
         if output.quiet:
             break
         cells: list[tuple[str, ...]] = []
-        # The scene is on a separate line, because a column for long names would not fit a terminal.
+        # The scene is printed on a separate line, because a column for long names would not fit into a
+        # terminal.
         for scene, members in groupby(group, lambda pair: pair[0].planned.cell.scene):
             cells.append((scene, *[""] * (len(headers) + 2)))
             cells += [(*_format_row(row), state) for row, state in members]
@@ -326,7 +330,7 @@ def _describe_state(row: CellOutcome, *, dry: bool) -> str:
         return "N/A"
     failed = row.reasons.get("cell") or planned.reason
     if failed is not None and not (dry and planned.status == "pending"):
-        return "blocked" if dry else f"failed: {failed.code}"  # the list of missing inputs states the reason
+        return "blocked" if dry else f"failed: {failed.code}"  # the list of missing inputs gives the reason
     if planned.status == "done":
         return "unchanged"
     why = dict.fromkeys(planned.why.values())
@@ -351,13 +355,16 @@ def show_stage(stage: Stage, output: Output) -> Iterator[None]:
 
 
 def _describe_stage(stage: Stage) -> str:
-    """Return the stage, its finished tasks, the current one and the remaining time as one line."""
+    """Return one line: the stage, its finished tasks, the current task and the remaining time."""
     parts = [f"{stage.title} {stage.done}/{len(stage.names)}", *_name_current(stage), _describe_rest(stage)]
     return ", ".join(filter(None, parts))
 
 
 def _name_current(stage: Stage) -> list[str]:
-    """Return the first current task and the number of other tasks as one text; empty without a task."""
+    """Return the first current task and the number of other current tasks as text.
+
+    Without a task, return "".
+    """
     names = stage.current
     more = f" and {len(names) - 1} more" if len(names) > 1 else ""
     return [f"{names[0]}{more}"] if names else []
@@ -382,7 +389,7 @@ def draw_stage(stage: Stage) -> Group:
 
 
 def _describe_rest(stage: Stage) -> str:
-    """Return the estimated remaining time, if any, and the following stages."""
+    """Return the estimated remaining time and the names of the following stages as text."""
     left = stage.estimate_rest()
     parts = [] if left is None else [_format_time(left)]
     parts += [f"then {' and '.join(stage.then)}"] if stage.then else []
@@ -390,5 +397,5 @@ def _describe_rest(stage: Stage) -> str:
 
 
 def _format_time(left: RemainingTime) -> str:
-    """Return an estimate in seconds, minutes or hours."""
+    """Return an estimated time as text in seconds, minutes or hours."""
     return f"{'more than ' if left.at_least else ''}{format_duration(left.seconds)} left"

@@ -1,4 +1,4 @@
-"""`msb track`: measure time and memory of a training while it runs."""
+"""`msb track`: measure the time and memory of a training run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     'msb track -- python -c "print(sum(range(10**6)))"',
     "msb track -o out/track.json -- python --version",
     "msb track --frames 8 -o out/own.json -- python --version",
-    # All options after the command are passed to it.
+    # options after the name of the command are passed to the command
     ignore_unknown_options=True,
     allow_interspersed_args=False,
 )
@@ -30,17 +30,22 @@ def track(
     out: Annotated[Path, file_option("Write the record to FILE.", "--out", "-o")] = Path("track.json"),
     frames: Annotated[
         int | None,
-        Option("Write the timing of a renderer that draws N images instead.", metavar="N", least=1),
+        Option(
+            "Measure a renderer that draws N images, and write its timing. Default: record a training.",
+            metavar="N",
+            least=1,
+        ),
     ] = None,
     *,
     output: PlainOutput,
 ) -> int:
     """Run a training and record its time, peak GPU memory and peak RAM, including child processes.
 
-    The exit status is that of the command, or 128 + n if signal n ended the command. In a protocol, the key
-    training names this record. With --frames, the command is a method's own renderer. In a protocol, the key
-    non_engine_timing names this record, which states that its time includes loading and writing. GPU memory
-    is measured by NVML (NVIDIA only, extra gpu). If it cannot be measured, the record gives the reason.
+    The exit status is that of the command, or 128 + n if signal n ended the command. To use the record of a
+    training, name its file in the key training of a protocol. With --frames, the command is a method's
+    official renderer. To use the record of a renderer, name its file in the key non_engine_timing. The record
+    states that its time includes loading and writing. GPU memory is measured by NVML (NVIDIA only, extra
+    gpu). If GPU memory cannot be measured, the record gives the reason.
     """
     from msb.base.atomic import new_file
     from msb.bench.track import make_renderer_timing
@@ -57,13 +62,13 @@ def track(
         written: Track | RendererTiming = record if frames is None else make_renderer_timing(record, frames)
         with new_file(out, overwrite=output.force) as file:
             file.write(written.to_json())
-    finally:  # printed even if writing fails, because repeating a training takes hours
+    finally:  # print the result even if writing fails, because repeating a training takes hours
         output.note(_summarize(record, out))
     return record.exit_status
 
 
 def _summarize(record: Track, out: Path) -> str:
-    """Return time and memory of a command as one line."""
+    """Return the time and memory of a command as one line."""
     gpu = record.peak_gpu_memory_bytes
     parts = [f"{record.seconds / 60:.1f} min" if record.seconds >= 60 else f"{record.seconds:.1f} s"]
     reason = f"no GPU memory: {record.gpu_reason}"

@@ -1,4 +1,5 @@
-// The audit of a mesh, for CPUs. msb/topology/kernel.py launches these kernels in this order:
+// The mesh audit for CPUs.
+// msb/topology/kernel.py launches these kernels in this order:
 //
 //   count_corners    number of corners in each block of vertices
 //   place_corners    move each corner, with the rest of its face, to its block   } for each round of blocks
@@ -7,8 +8,9 @@
 //   measure_faces    areas, and the faces of each component
 //   sum_largest      the largest component
 //
-// All counts are integers and all lists are ordered by number, so results do not depend on the number of
-// work-items or on their share of the work. Areas are added in the same order as in NumPy.
+// All counts are integers and all lists are ordered by number.
+// Results therefore do not depend on the number of work-items or on their share of the work.
+// Areas are added in the same order as in the NumPy code.
 
 #include "lanes.cl"
 #include "audit_types.cl"

@@ -1,6 +1,7 @@
-// Visit the vertices of a block one after the other, each with all its faces.
+// Visit the vertices of a block one after another, each with all its faces.
 
-// Sort the records of a block by vertex into `sorted`; starts[i] is the first record of the i-th vertex.
+// Sort the corner records of a block by vertex into `sorted`.
+// The first record of vertex i of the block is at starts[i].
 void sort_block(__global const Record *restrict records, uint count, uint first, uint vertices,
     __global uint *restrict starts, __global Record *restrict sorted)
 {
@@ -10,14 +11,16 @@ void sort_block(__global const Record *restrict records, uint count, uint first,
         starts[records[i].x - first]++;
     for (uint i = 0, sum = 0; i <= vertices; i++)
         starts[i] = sum += starts[i];
-    // starts[i] begins as the end of vertex i and moves down to its start. Reading from the last record to the
-    // first keeps the order of the records.
+    // At first, starts[i] is the end of the records of vertex i.
+    // The sort then moves starts[i] down to their start.
+    // Reading from the last record to the first preserves the order of the records.
     for (uint i = count; i-- > 0;)
         sorted[--starts[records[i].x - first]] = records[i];
 }
 
-// The same in place, for a block whose copy would take too much memory: each record moves to its position and
-// displaces another record, which moves next. `next` has the size of `starts`.
+// Sort a block in place if a copy would take too much memory.
+// Each record moves to its final position and displaces another record, which moves next.
+// The array `next` has the size of `starts`.
 void sort_block_in_place(__global Record *records, uint count, uint first, uint vertices, __global uint *starts,
     __global uint *next)
 {
@@ -39,7 +42,8 @@ void sort_block_in_place(__global Record *records, uint count, uint first, uint 
         }
 }
 
-// Move the records of proper faces to the front; return their number.
+// Move the records of proper faces (three different vertices) to the front.
+// Return the number of these records.
 uint proper_first(__global Record *records, uint count)
 {
     uint n = 0;
@@ -85,8 +89,10 @@ void visit_vertex(__global Record *records, uint count, Visit *visit, uint v, ui
         count_duplicates(records, count, visit, v, vertices);
 }
 
-// Visit the blocks `first` to `first` + `count` - 1. Each work-item takes the next block until none remain. Without
-// `large`, only blocks with at most `limit` records are visited. With `large`, a single work-item visits the others.
+// Visit the blocks from `first` to `first` + `count` - 1.
+// Each work-item takes the next unvisited block until no block remains.
+// If `large` is 0, only blocks with at most `limit` records are visited.
+// If `large` is set, a single work-item visits the blocks with more than `limit` records.
 __kernel void visit_blocks(__global Record *records, __global const uint *block_starts, __global ulong *block_edges,
     __global uint *next_block, __global Tally *tallies, __global uint *valences, __global uint *next_valence,
     __global uint2 *pairs, __global uint *fills, __global uint *next_chunk, __global ulong *scratch,
@@ -103,8 +109,10 @@ __kernel void visit_blocks(__global Record *records, __global const uint *block_
     for (int kind = 0; kind < KINDS; kind++)
         visit.at[kind] = 0;
     scratch += item * scratch_words;
-    // Layout of the scratch memory: the starts of vertices, a copy of the block (16-byte words) unless it is
-    // large, and 4 words per corner of the largest vertex.
+    // The scratch memory has up to three parts.
+    // The first part is the starts of vertices.
+    // Unless the block is large, the second part is a copy of the block in 16-byte words.
+    // The last part has 4 words per corner of the largest vertex.
     uint size = 1u << shift;
     __global uint *starts = (__global uint *)scratch, *next = starts + size + 1;
     scratch += size + 1;

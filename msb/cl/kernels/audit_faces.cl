@@ -3,12 +3,13 @@
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 
 #ifdef __clang__
-#define SQUARE_ROOT(x) __builtin_sqrt(x) // one instruction; the function of PoCL is a call
+#define SQUARE_ROOT(x) __builtin_sqrt(x) // compiles to one instruction; PoCL's function would be a call
 #else
 #define SQUARE_ROOT(x) sqrt(x)
 #endif
 
-// Half the norm of the cross product. Each operation is rounded as in NumPy, so nothing may be fused.
+// The area is half the norm of the cross product.
+// Each operation must round as in NumPy, so multiplications and additions are not fused.
 double face_area(__global const COORDINATE *p, __global const COORDINATE *q, __global const COORDINATE *r)
 {
 #pragma OPENCL FP_CONTRACT OFF
@@ -18,15 +19,19 @@ double face_area(__global const COORDINATE *p, __global const COORDINATE *q, __g
     return 0.5 * SQUARE_ROOT(x * x + y * y + z * z);
 }
 
-// Few components are large, and usually one is very large. Each work-item counts in a private table, and adds a
-// count to the shared `sizes` only when another component needs its slot.
+// Meshes have few large components, and usually a single very large component.
+// Each work-item counts in a private table.
+// When another component needs the same slot of the table, the old count is added to the shared `sizes`.
 #define TABLE 64
 
-#define SOON 12 // number of faces to prefetch, so that their vertices and components are cached when needed
+#define SOON 12 // number of faces to prefetch ahead, so that their vertices and components are already cached
 
-// Write for each face its area (0 if it is not finite), its component in `parents` (the lowest face in it), and
-// the initial state for uniting rims. `sizes` starts as zeros. `samples` gets, for each work-item, the number of
-// zero-area faces with distinct vertices, the first of these faces, and the same for non-finite areas.
+// For each face, write the area (0 if not finite) and the component in `parents` (its lowest face).
+// Write the initial state for uniting boundary edges as well.
+// All elements of `sizes` are initially zero.
+// For each work-item, `samples` gets the number of zero-area faces with distinct vertices, and the first of
+// these faces.
+// The same two values follow for faces with non-finite area.
 __kernel void measure_faces(__global const COORDINATE *restrict points, __global const uint *restrict faces,
     __global double *restrict areas, __global uint *parents, __global uint *sizes, __global uint *restrict rims,
     __global uint *restrict samples, uint face_count, uint chunk)
@@ -78,9 +83,10 @@ __kernel void measure_faces(__global const COORDINATE *restrict points, __global
     samples[SAMPLES + 1] = strange;
 }
 
-// Find the component with most faces; ties go to the larger area, then to the lowest face. Return its size, the
-// number of single-face components, its area and the total area. One work-item adds the areas in face order:
-// rounding is monotone, so a sum over some faces never exceeds the sum over all.
+// Find the component with the most faces; a tie goes to the larger area, then to the lowest face number.
+// Return the size and area of this component, the number of single-face components, and the total area.
+// One work-item adds all areas in face order.
+// Rounding is monotone, so the sum over some faces never exceeds the sum over all faces.
 __kernel void sum_largest(__global const double *restrict areas, __global const uint *restrict parents,
     __global const uint *restrict sizes, __global double *restrict sums, __global uint *restrict counts,
     __global double *restrict added, uint face_count)
@@ -92,8 +98,8 @@ __kernel void sum_largest(__global const double *restrict areas, __global const 
     }
     for (uint f = 0; f < face_count; f++)
         candidates += sizes[f] == most;
-    volatile double best = 0, total = 0; // volatile, because Intel's compiler would change the order of additions
-    if (most > 0 && candidates == 1) { // the usual case: no lookup is needed
+    volatile double best = 0, total = 0; // volatile keeps Intel's compiler from reordering the additions
+    if (most > 0 && candidates == 1) { // the usual case needs no lookup
         for (uint f = 0; f < face_count; f++)
             largest = sizes[f] == most ? f : largest;
         for (uint f = 0; f < face_count; f++) {

@@ -1,13 +1,14 @@
-// Visit a vertex with any number of faces: its neighbours are sorted, so the faces at an edge are consecutive.
+// Visit a vertex with any number of faces.
+// The neighbours of the vertex are sorted, so the faces at an edge are consecutive.
 // Radix sorts take the same time for any mesh.
 
 #define DIGIT 8
-#define BY_Z 1 // side of a face: neighbour y (0) or z (1)
-#define RIM_SIDE 0xffffffffu   // other side of a boundary edge
-#define CROWD_SIDE 0xfffffffeu // other side of an edge with more than two faces
+#define BY_Z 1 // side (edge at the vertex) of a face: to neighbour y (0) or z (1)
+#define RIM_SIDE 0xffffffffu   // the other end of a boundary edge
+#define CROWD_SIDE 0xfffffffeu // the other end of an edge with more than two faces
 
-// Stable sort of `count` words by their upper halves, which are below `end`. Return the sorted words, which are in
-// `words` or in `other`.
+// Stable sort of `count` words by their upper halves, which are less than `end`.
+// Return a pointer to the sorted words, either `words` or `other`.
 __global ulong *sort_upper(__global ulong *words, __global ulong *other, uint count, uint end)
 {
     uint places[1 << DIGIT];
@@ -33,7 +34,8 @@ __global ulong *sort_upper(__global ulong *words, __global ulong *other, uint co
 #define UPPER(word) ((uint)((word) >> 32))
 #define WORD(upper, lower) ((ulong)(upper) << 32 | (lower))
 
-// Count the duplicates among the faces with lowest vertex v, proper or not: equal pairs of the other two vertices.
+// Count duplicate faces whose lowest vertex is v, including faces with a repeated vertex.
+// Two faces are duplicates if their two other vertices are the same.
 void count_duplicates(__global const Record *records, uint count, Visit *visit, uint v, uint vertices)
 {
     __global ulong *words = visit->scratch, *other = words + count;
@@ -64,8 +66,8 @@ void count_duplicates(__global const Record *records, uint count, Visit *visit, 
     }
 }
 
-// Return the group of a corner at the vertex. The parent of a corner replaces the vertex in the first word of its
-// record.
+// Return the group (fan of connected faces) of a corner at the vertex.
+// The first word of a corner's record changes from the vertex to the corner's parent.
 uint find_group(__global Record *records, uint i)
 {
     while (records[i].x != i) {
@@ -86,7 +88,7 @@ void link_large_rims(__global const Record *records, uint count, Visit *visit, _
         uint side = across[2 * i + (y ? BY_Z : 0)];
         while (side < CROWD_SIDE) {
             uint leave = side ^ 1;
-            if (across[leave] == RIM_SIDE && leave / 2 > i) { // count a fan once, not from both ends
+            if (across[leave] == RIM_SIDE && leave / 2 > i) { // count each fan once, not from both ends
                 visit->tally->rim_links++;
                 add_pair(visit, RIM, records[i].w, records[leave / 2].w);
             }
@@ -95,22 +97,23 @@ void link_large_rims(__global const Record *records, uint count, Visit *visit, _
     }
 }
 
-// Visit vertex v with the corners `records`, all of proper faces.
+// Visit vertex v with the corners `records`, which all belong to faces with three different vertices.
 void visit_large(__global Record *records, uint count, Visit *visit, uint v, uint vertices)
 {
     __global Tally *t = visit->tally;
     __global ulong *words = visit->scratch, *other = words + 2 * (size_t)count;
     for (uint i = 0; i < count; i++) {
-        // One word per side: the neighbour above, the number of the side below.
+        // Each side is one word: the neighbour in the upper half, the number of the side in the lower half.
         words[2 * (size_t)i] = WORD(records[i].y, 2 * i);
         words[2 * (size_t)i + 1] = WORD(records[i].z, 2 * i + BY_Z);
         records[i].x = i;
     }
     words = sort_upper(words, other, 2 * count, vertices);
-    // The other side of each side; stored in the half of the scratch memory without the words.
+    // For each side, this array holds the opposite side.
+    // The array uses the half of the scratch memory that the words leave free.
     __global uint *across = (__global uint *)(words == other ? visit->scratch : other);
     uint valence = 0, most = 0, groups = count;
-    // Each run of equal neighbours is an edge; n is its number of faces.
+    // Each run of equal neighbours is an edge with n faces.
     for (uint k = 0, next; k < 2 * count; k = next) {
         uint w = UPPER(words[k]), side = (uint)words[k], n;
         for (next = k + 1; next < 2 * count && UPPER(words[next]) == w; next++)
@@ -130,7 +133,8 @@ void visit_large(__global Record *records, uint count, Visit *visit, uint v, uin
         for (uint i = k; i < next; i++) {
             if (n > 2)
                 across[(uint)words[i]] = CROWD_SIDE;
-            // Join the corners at the edge into one group, and list the pairs of its faces at the lower end.
+            // Join the corners at the edge into one group, and list the pairs of faces of the edge at its
+            // lower end.
             uint a = find_group(records, side / 2), b = find_group(records, (uint)words[i] / 2);
             groups -= a != b;
             records[MAX(a, b)].x = MIN(a, b);

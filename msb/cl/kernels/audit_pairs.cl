@@ -1,15 +1,20 @@
-// Pairs of faces found by visiting vertices, and their union into components of a graph of faces.
+// Pairs of faces that were found at the vertices.
+// Uniting the pairs gives the connected components of all faces.
 
-// Kinds of pairs: the faces of a two-face edge; the first and each further face of an edge with more faces; faces
-// with boundary edges that follow each other around a vertex.
+// There are three kinds of pairs.
+// The first kind is the two faces of an edge.
+// The second kind is the first face and each further face of an edge with more than two faces.
+// The third kind is two faces whose boundary edges follow each other around a vertex.
 #define TWO_FACE 0
 #define CROWDED 1
 #define RIM 2
 #define KINDS 3
 
-// All kinds share one array, in chunks of PAIRS pairs of one kind: in total there are at most as many pairs as
-// half-edges, but any kind may have all of them. `fills` holds the number and kind of pairs of each chunk. A
-// position is never at the end of a chunk (see `make_room`), so it determines its chunk. Chunk 0 is unused.
+// All kinds share one array, in chunks of PAIRS pairs of one kind.
+// The total number of pairs is at most the number of half-edges, and a single kind may reach this number.
+// `fills` holds the number and kind of pairs of each chunk.
+// A position is never the end of a chunk (see `make_room`), so the position determines the chunk.
+// Chunk 0 is unused.
 void close_list(Visit *visit, int kind)
 {
     ulong at = visit->at[kind];
@@ -17,7 +22,7 @@ void close_list(Visit *visit, int kind)
         visit->fills[at / PAIRS] = (uint)(at % PAIRS) << 2 | kind;
 }
 
-// Ensure that `count` more pairs of a kind fit into its chunk, plus one.
+// Ensure that a chunk has room for `count` + 1 more pairs of a kind.
 void make_room(Visit *visit, int kind, uint count)
 {
     ulong at = visit->at[kind];
@@ -35,8 +40,9 @@ void add_pair(Visit *visit, int kind, uint first, uint second)
 
 // ---- union
 
-// Return the root of the tree of a face, which is its lowest face. Paths are halved on the way. Concurrent changes
-// are safe: only ancestors are ever written, and only roots are linked.
+// Return the root of the tree of a face, which is the lowest face of the tree.
+// The search halves the paths to the root.
+// Concurrent changes are safe, because only roots are linked, and a new parent is always an ancestor.
 uint find_root(__global volatile uint *parents, uint f)
 {
     for (;;) {
@@ -51,8 +57,9 @@ uint find_root(__global volatile uint *parents, uint f)
     }
 }
 
-// Join the trees of two faces; return whether they were different. Independent of concurrency and order, the final
-// trees hold the same sets, and the number of joins is the number of faces minus the number of sets.
+// Join the trees of two faces; return whether they were different.
+// The final trees do not depend on the order of execution.
+// The number of joins is the number of faces minus the number of sets.
 int unite(__global volatile uint *parents, uint first, uint second)
 {
     for (;;) {
@@ -66,9 +73,9 @@ int unite(__global volatile uint *parents, uint first, uint second)
     }
 }
 
-#define AHEAD 32 // number of pairs to prefetch; uniting cached faces takes a fraction of the time
+#define AHEAD 32 // number of pairs to prefetch ahead; uniting cached faces takes a fraction of the time
 
-// Unite all pairs of a kind; `joined` gets the number of successful joins of each work-item.
+// Unite all pairs of a kind; `joined` gets the number of successful joins by each work-item.
 __kernel void unite_pairs(__global const uint2 *restrict pairs, __global const uint *restrict fills,
     __global uint *parents, __global uint *next, __global uint *joined, uint chunks, uint kind)
 {

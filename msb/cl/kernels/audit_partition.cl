@@ -1,9 +1,11 @@
-// Sort corners into blocks of 2^shift vertices, by a counting sort; each work-item takes a contiguous
-// chunk of faces. A block fits into the cache of a core, so its vertices can be visited in any order. Scattering
-// corners to all vertices at once would miss the cache with every write.
+// Sort corners into blocks of 2^shift vertices by a counting sort.
+// Each work-item takes a contiguous chunk of faces.
+// A block fits into the cache of a processor core, so its vertices can be visited in any order.
+// Scattering corners directly to all vertices would miss the cache with every write.
 
-// `counts` has a row of `blocks` numbers per work-item. `parents` is initialised for unite_pairs. `improper` gets,
-// for each work-item, the number of its faces with a repeated index and the first of them.
+// The matrix `counts` has one row of `blocks` numbers per work-item.
+// The kernel initialises `parents` for unite_pairs.
+// For each work-item, `improper` gets the number of faces with a repeated index and the first such face.
 __kernel void count_corners(__global const uint *restrict faces, __global uint *restrict counts,
     __global uint *restrict parents, __global uint *restrict improper, uint face_count, uint chunk, uint blocks,
     uint shift)
@@ -35,9 +37,10 @@ __kernel void count_corners(__global const uint *restrict faces, __global uint *
     samples[0] = n;
 }
 
-// Write the records of the blocks `first` to `first` + `count` - 1. `cursors` holds the next write position for
-// each work-item and block, and a spare position for all other blocks: writing there is faster than an
-// unpredictable branch.
+// Write the corner records of the blocks from `first` to `first` + `count` - 1.
+// For each work-item, `cursors` holds the next write position in each block.
+// All other blocks share a spare position.
+// Writing to the spare position is faster than an unpredictable branch.
 #define PLACE(v, y, z, f)                                                                                       \
     {                                                                                                           \
         uint k = ((v) >> shift) - first;                                                                        \

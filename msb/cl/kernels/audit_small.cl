@@ -1,15 +1,17 @@
-// Visit a vertex with at most MOST faces (a multiple of 8, up to 32). All pairs of sides are compared, eight at a
-// time. The result is one word per side, whose bits mark the faces with the same neighbour. The time is quadratic,
-// but less than for sorting, because no branch is unpredictable.
+// Visit a vertex with at most MOST faces; MOST is a multiple of 8, at most 32.
+// All pairs of sides (edges at the vertex) are compared, eight pairs at a time.
+// The result is one word per side; its bits mark the faces with the same neighbour vertex.
+// The comparison takes quadratic time, but is faster than sorting, because no branch is unpredictable.
 
 typedef uint8 __attribute__((aligned(4))) loose_uint8;
 #define LANES(words) (*(loose_uint8 *)(words))
 
-// A face at the vertex has two sides, y and z: the edges to its two other vertices, in the order of the face.
+// A face at the vertex has two sides, y and z.
+// The sides are the edges from the vertex to the two other vertices, in the order of the face.
 typedef struct {
-    uint neighbour[2 * MOST]; // by side: all y, then all z; unused lanes hold NOBODY
-    uint sharing[2 * MOST];   // faces that have the same neighbour
-    uint same[2 * MOST];      // faces that have it on the same side
+    uint neighbour[2 * MOST]; // ordered by side: first all y, then all z; unused lanes hold NOBODY
+    uint sharing[2 * MOST];   // bits of the faces that have the same neighbour
+    uint same[2 * MOST];      // bits of the faces that have this neighbour on the same side
     uint face[MOST];
     uint count;
 } Star;
@@ -24,13 +26,17 @@ uint sum_lanes(uint8 v)
 }
 
 #define BIT(i) (1u << (i))
-#define REST(bits) ((bits) & ((bits) - 1)) // all bits except the lowest
+#define REST(bits) ((bits) & ((bits) - 1)) // all set bits except the lowest
 
-// Sums over the sides of a vertex, by lane. `counts` packs, each into enough bits for 64 sides: the number of
-// edges, of edges to higher vertices, and of these the boundary edges, the two-face edges with flipped winding,
-// and the edges with more faces. `rim`: sides that are boundary edges. `paired`: sides that share a higher
-// neighbour with an earlier side. `crowd`: non-zero at an edge with more than two faces. `twins`: faces that share
-// both neighbours.
+// Sums over the sides of a vertex, separately for each lane.
+// `counts` packs five numbers, with enough bits for 64 sides.
+// Two of the numbers count all edges, and the edges to higher vertices.
+// The other numbers only count edges to higher vertices.
+// The edges are boundary edges, two-face edges with flipped winding, or edges with more than two faces.
+// `rim` marks the sides that are boundary edges.
+// `paired` marks the sides that share a higher neighbour with an earlier side.
+// `crowd` is non-zero at an edge with more than two faces.
+// `twins` marks the faces that share both neighbours with another face.
 typedef struct {
     uint8 counts, rim[2], paired[2], crowd, twins;
 } Sides;
@@ -54,7 +60,7 @@ void count_sides(Sides *sums, int side, uint8 bit, uint8 neighbour, uint8 sharin
     sums->crowd |= crowd;
 }
 
-// Fill `sharing` and `same`, and compute the sums.
+// Fill `sharing` and `same`, and compute these sums.
 void compare_sides(Star *s, Sides *sums, uint v)
 {
     sums->counts = sums->rim[0] = sums->rim[1] = sums->paired[0] = sums->paired[1] = sums->crowd = sums->twins = 0;
@@ -80,8 +86,8 @@ void compare_sides(Star *s, Sides *sums, uint v)
     }
 }
 
-// List the edges of a kind from v to higher vertices; `number` of them are already listed. Each edge is searched,
-// which only few vertices need.
+// List the edges of a kind from v to higher vertices; `number` edges of this kind are already listed.
+// Listing takes a search per edge, but few vertices have edges to list.
 void list_small(const Star *s, const Visit *visit, int kind, ulong number, uint v)
 {
     uint last = v;
@@ -96,7 +102,7 @@ void list_small(const Star *s, const Visit *visit, int kind, ulong number, uint 
         if (next == NOBODY)
             return;
         last = next;
-        // If both faces run along an edge in the same direction, it is on the same side of both.
+        // If both faces run along an edge in the same direction, the edge is on the same side of both faces.
         int is_kind = kind == BOUNDARY_EDGES ? faces == 1 : kind == NONMANIFOLD_EDGES ? faces > 2
             : faces == 2 && same != 1;
         if (is_kind)
@@ -104,14 +110,15 @@ void list_small(const Star *s, const Visit *visit, int kind, ulong number, uint 
     }
 }
 
-// Follow the fan of face i, which has a boundary edge here, to its other side. Return the face there if its side
-// is a boundary edge too, otherwise NOBODY. `rim_y` and `rim_z` are the faces with a boundary edge on that side.
+// Face i has a boundary edge here; follow its fan of faces to the fan's other end.
+// Return the face at the other end if its side is also a boundary edge, otherwise NOBODY.
+// `rim_y` and `rim_z` mark the faces whose side y or z is a boundary edge.
 uint other_end(const Star *s, uint i, uint rim_y, uint rim_z)
 {
     uint through = s->sharing[rim_y & BIT(i) ? MOST + i : i];
     while (COUNT_BITS(through) == 2) {
         i = LOWEST_BIT(through & ~BIT(i));
-        int by_y = s->sharing[i] == through; // in an open fan, no two faces share both neighbours
+        int by_y = s->sharing[i] == through; // no two faces of an open fan share both neighbours
         if ((by_y ? rim_z : rim_y) & BIT(i))
             return i;
         through = s->sharing[by_y ? MOST + i : i];
@@ -121,7 +128,7 @@ uint other_end(const Star *s, uint i, uint rim_y, uint rim_z)
 
 void link_rims(const Star *s, Visit *visit, uint rim_y, uint rim_z)
 {
-    uint links = COUNT_BITS(rim_y & rim_z); // fans of one face
+    uint links = COUNT_BITS(rim_y & rim_z); // fans with a single face
     for (uint ends = rim_y ^ rim_z; ends; ends &= ends - 1) {
         uint i = LOWEST_BIT(ends), j = other_end(s, i, rim_y, rim_z);
         if (j != NOBODY) {
@@ -133,7 +140,7 @@ void link_rims(const Star *s, Visit *visit, uint rim_y, uint rim_z)
     visit->tally->rim_links += links;
 }
 
-// Return whether the faces, joined across all shared edges, form several groups.
+// Return whether the faces, joined across all shared edges, form more than one group.
 int in_groups(const Star *s)
 {
     uint reached = 1, done = 0;
@@ -153,8 +160,9 @@ uint most_sharing(const Star *s)
     return most;
 }
 
-// Pair the first face with each other face that shares its neighbour. To avoid a branch, the pair is written to the
-// lists of both kinds, and only the position of the right list advances.
+// Pair the first face with each other face that shares a neighbour with it.
+// To avoid a branch, write the pair to the lists of both kinds.
+// Only the position in the correct list advances.
 void pair_faces(const Star *s, Visit *visit, uint paired_y, uint paired_z)
 {
     __global uint2 *pairs = visit->pairs;
@@ -172,7 +180,8 @@ void pair_faces(const Star *s, Visit *visit, uint paired_y, uint paired_z)
     visit->at[CROWDED] = crowd_at;
 }
 
-// Visit vertex v with the faces `s`, at least one. Return whether two of them share both neighbours.
+// Visit vertex v with its faces `s` (at least one).
+// Return whether two of the faces share both neighbours.
 int visit_small(Star *s, Visit *visit, uint v)
 {
     __global Tally *t = visit->tally;

@@ -1,9 +1,10 @@
-// Types that the audit kernels share: the record of a corner, and the counts and lists of a work-item.
+// Types that the audit kernels share: the record of a face corner, and the counts and lists of a work-item.
 
-// A corner in its block: its vertex, the two other vertices in the order of the face, and the face. Faces with a
-// repeated index take part only in the search for duplicates and for shared vertices: they have a record at each
-// of their different vertices. At the lowest vertex, y and z are the other two, ascending; at the other one the
-// record is a COPY.
+// The record of a corner: its vertex, the two other vertices in the order of the face, and the face.
+// Faces with a repeated index take part only in the search for duplicates and for shared vertices.
+// A face with a repeated index has a record at each of its distinct vertices.
+// At the face's lowest vertex, y and z of the record are the other two vertices in ascending order.
+// At the face's other vertex, the record is marked COPY.
 typedef uint4 Record;
 #define IMPROPER 0x80000000u
 #define COPY 0x40000000u
@@ -11,7 +12,7 @@ typedef uint4 Record;
 
 #define MIN(a, b) ((a) < (b) ? (a) : (b))
 #define MAX(a, b) ((a) > (b) ? (a) : (b))
-#define NOBODY 0xffffffffu // an invalid number of a vertex or face
+#define NOBODY 0xffffffffu // an invalid vertex or face number
 
 #ifdef __clang__
 #define COUNT_BITS(x) ((uint)__builtin_popcount(x))
@@ -21,9 +22,10 @@ typedef uint4 Record;
 #define LOWEST_BIT_OF_LONG(x) ((uint)(63 - clz((x) & -(x))))
 #endif
 
-// msb/topology/kernel.py sets four sizes. SAMPLES elements of each kind are listed. Vertices with fewer than
-// VALENCES edges are counted in a table, and the valences of others are listed. For MOST and PAIRS see
-// audit_small.cl and audit_pairs.cl.
+// The host code msb/topology/kernel.py sets four sizes.
+// SAMPLES is the number of listed elements of each kind.
+// A table counts vertices with fewer than VALENCES edges, and a list holds the valences of other vertices.
+// MOST is explained in audit_small.cl, and PAIRS in audit_pairs.cl.
 
 #define NONMANIFOLD_EDGES 0 // kinds of listed edges
 #define BOUNDARY_EDGES 1
@@ -33,12 +35,13 @@ typedef uint4 Record;
 #define EDGE_ENDPOINTS 2
 #define UNREFERENCED_VERTICES 3
 
-// An edge by its two vertices, and its rank among the edges of its block, sorted by lower, then higher vertex.
+// An edge with its two vertices, and its rank in its block.
+// Ranks are in the order of the lower, then the higher vertex.
 typedef struct {
     ulong block, rank, low, high;
 } EdgeSample;
 
-// msb/topology/tally.py reads it as a record with the same fields.
+// msb/topology/tally.py reads this struct as a record with the same fields.
 typedef struct {
     ulong max_edge_faces, rim_links, shared_vertices, duplicate_faces;
     ulong edge_counts[3], vertex_counts[4];
@@ -52,16 +55,16 @@ typedef struct {
 typedef struct {
     __global Tally *tally;
     __global uint *valences, *next_valence; // valences of vertices with at least VALENCES edges
-    __global ulong *scratch; // four words for each corner of the vertex
+    __global ulong *scratch; // four words per corner of the vertex
     uint block;
-    ulong rank; // edges already counted in the block
-    // Pairs of faces, see audit_pairs.cl.
+    ulong rank; // number of edges already counted in the block
+    // Pairs of faces are explained in audit_pairs.cl.
     __global uint2 *pairs;
     __global uint *fills, *next_chunk;
     ulong at[3];
 } Visit;
 
-// Work-items meet vertices and edges in ascending order, so the first few are the lowest.
+// Work-items process vertices and edges in ascending order, so the first few are the lowest.
 void count_vertex(__global Tally *t, int kind, uint v)
 {
     ulong n = t->vertex_counts[kind]++;
@@ -69,7 +72,7 @@ void count_vertex(__global Tally *t, int kind, uint v)
         t->vertex_samples[kind][n] = v;
 }
 
-// Count `count` edges of a kind; return whether some of them should be listed.
+// Count `count` edges of a kind; return whether some of these edges should be listed.
 int count_edges(__global Tally *t, int kind, uint count)
 {
     ulong before = t->edge_counts[kind];
@@ -85,7 +88,7 @@ void list_edge(__global Tally *t, int kind, ulong number, uint block, ulong rank
     }
 }
 
-// Duplicates are met in the order of vertices, not of faces: keep the lowest, sorted.
+// Duplicates are found in the order of vertices, so a sorted list keeps the lowest faces.
 void count_duplicate(__global Tally *t, uint f)
 {
     ulong n = t->duplicate_faces++;
@@ -105,8 +108,9 @@ void count_valence(Visit *visit, uint valence)
         visit->valences[atomic_inc(visit->next_valence)] = valence;
 }
 
-// Count vertex v by kind: `most` is the largest number of faces at its edges; `in_groups` tells whether its faces
-// form several groups.
+// Count vertex v by kind.
+// The number `most` is the largest number of faces at an edge of v.
+// `in_groups` tells whether the faces of v form several groups.
 void count_fans(Visit *visit, uint v, uint most, int in_groups)
 {
     __global Tally *t = visit->tally;

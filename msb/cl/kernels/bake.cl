@@ -1,5 +1,7 @@
-// Sums of a bake over images of the standard tier: the best colours of each face, and the benefit of changes. Sums
-// are equal in every run: sums of a face follow the order of its pixels, all others are integers.
+// Sums over images of the standard tier (opaque rendering) for a bake.
+// The sums give the best colours of each face, and the benefit of changes.
+// Sums are equal in every run.
+// The pixels of a face are added in their order, and all other sums are integers.
 #define LANES 1
 #include "zbuffer_math.cl"
 
@@ -15,7 +17,7 @@ typedef int whole;
 // A value of a training image, stored with 16 bits.
 #define SHOWN(target, place) ((float)(target)[place] * (1.0f / 65535.0f))
 
-// Write the face of each pixel as a sort key; pixels without a face come last.
+// Write the face number of each pixel as a sort key; pixels without a face come last.
 __kernel void owners(__global const int *faces, __global uint *keys, uint none, uint count)
 {
     size_t i = get_global_id(0);
@@ -23,13 +25,16 @@ __kernel void owners(__global const int *faces, __global uint *keys, uint none, 
         keys[i] = faces[i] < 0 ? none : (uint)faces[i];
 }
 
-// Add to the sums of each face: products of corner weights, and weights times the colours of the training image.
-// With `moves`, also add the slopes of the squared error with respect to x, y, z of each corner. The border
-// between neighbouring pixels with different faces is an edge of the nearer face. If this edge moves outward by a
-// pixel, the outer pixel takes the colour of the nearer face. If it moves inward, the inner pixel takes the colour
-// of the other face. The slope is the average of both changes, times the weight of the corner at the border. All
-// sums are multiplied by `weight`, the weight of the image. `positions` holds three corners per face. Pixels are
-// `sorted` by face; the work-item of the first pixel of a face adds all its pixels, the others do nothing.
+// For each face, add the products of corner weights, and the weights times the colours of the training image.
+// With `moves`, also add the derivatives of the squared error with respect to x, y, z of each corner.
+// The border between two neighbouring pixels with different faces is an edge of the nearer face.
+// If this edge moves outward by a pixel, the outer pixel takes the colour of the nearer face.
+// If this edge moves inward by a pixel, the inner pixel takes the colour of the farther face.
+// The derivative is the average of both changes, times the weight of the corner at the border.
+// All sums are multiplied by `weight`, the weight of the image.
+// The array `positions` holds three corners per face.
+// Pixels are `sorted` by face.
+// The work-item of a face's first pixel adds all pixels of the face; other work-items do nothing.
 __kernel void sums(__global const float *positions, __constant float *view, __global const uint *sorted,
     __global const uint *pixels, __global const ushort *target, __global const float *image,
     __global const float *depth, __global const int *owners, int width, int height, __global float *sums,
@@ -41,7 +46,7 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
     size_t face = sorted[start];
     __global const float *c = positions + 9 * face;
     int reaches_far = is_long(c);
-    float8 products = 0.0f;  // of corner weights: aa, ab, ac, bb, bc, cc
+    float8 products = 0.0f;  // products of corner weights: aa, ab, ac, bb, bc, cc
     float3 color_sums[3] = {0.0f, 0.0f, 0.0f};
     float rise[9];
     for (int k = 0; k < 9; k++)
@@ -49,7 +54,8 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
     for (; end < count && sorted[end] == face; end++) {
         int pixel = (int)pixels[end], y = pixel / width, x = pixel - y * width;
         float px = (float)x + 0.5f - view[OPTICAL], py = (float)y + 0.5f - view[OPTICAL + 1];
-        // Weights of the corners at the pixel, and their products with each other and with the colour.
+        // Weights of the corners at the pixel, and products of these weights with each other and with the
+        // colour.
         WEIGHTS(float, view, c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], px, py, w0, w1, w2)
         float w[3] = {w0, w1, w2};
         if (reaches_far)
@@ -62,7 +68,8 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
 
         if (!moves)
             continue;
-        // Change of the error if the border to each of four neighbours moves by a pixel.
+        // Change of the error if the border to a neighbouring pixel moves by one pixel, for each of four
+        // neighbours.
         float z = depth[pixel], along[2] = {0.0f, 0.0f};
         for (int side = 0; side < 4; side++) {
             int is_down = side >> 1, step = side & 1 ? 1 : -1, there = (is_down ? y : x) + step;
@@ -83,7 +90,7 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
         if (along[0] == 0.0f && along[1] == 0.0f)
             continue;
         for (int axis = 0; axis < 3; axis++) {
-            // Chain rule: motion of the pixel when a corner moves along this axis.
+            // Chain rule: motion of the pixel when a corner moves along this coordinate axis.
             float right = view[ROTATION + axis] * (1.0f / UNIT) - px * view[ROTATION + 6 + axis];
             float down = view[ROTATION + 3 + axis] * (1.0f / UNIT) - py * view[ROTATION + 6 + axis];
             float slope = (along[0] * right + along[1] * down) / z;
@@ -114,7 +121,7 @@ float error_of(__global const float *image, __global const ushort *target, size_
     return sum;
 }
 
-// Store the face of each pixel of a view and its squared error, from row `start` on.
+// Store the face of each pixel of a view and the squared error of the pixel, from row `start` on.
 __kernel void remember(__global const float *image, __global const int *faces, __global const ushort *target,
     __global int *old_faces, __global float *old_errors, uint start, uint count)
 {
@@ -125,8 +132,9 @@ __kernel void remember(__global const float *image, __global const int *faces, _
     old_errors[start + i] = error_of(image, target, i);
 }
 
-// Add the change of the error of each pixel to the proposal that owns its old or new face, or half to each of two
-// proposals.
+// Each proposed change involves some faces.
+// Add a pixel's change of the error to the proposal that involves the old or new face of the pixel.
+// If this applies to two proposals, each proposal gets half.
 __kernel void judge(__global const float *image, __global const int *faces, __global const ushort *target,
     __global const int *old_faces, __global const float *old_errors, __global const int *owner,
     __global whole *totals, float unit, uint start, uint row, uint count)

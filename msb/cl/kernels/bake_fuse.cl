@@ -1,15 +1,23 @@
-// Find solid cells by votes of the views. The vote of a view is the distance of a cell in front of the visible
-// surface; a cell gets the average vote.
+// Find solid grid cells by votes of the views.
+// The vote of a view is the distance of a grid cell in front of the visible surface.
+// The votes of a cell are averaged.
 
-// Layout of a view: the rows of its pose (12), fx, fy, cx, cy, width and height of its image, and the unit of its
-// depths. RECORD is the number of values. UNKNOWN marks a cell without votes. msb/bake/depth_fusion.py defines both.
+// A view has these values: the rows of its pose (12), fx, fy, cx, cy, the width and height of its image, and
+// the unit of its depths.
+// RECORD is the number of values of a view.
+// UNKNOWN marks a grid cell without votes.
+// msb/bake/depth_fusion.py defines both constants.
 
-// Add the votes of some views to every cell. Poses apply to positions in units of a space; `grid` holds the lowest
-// corner and the size of a cell. A cell more than `behind` behind the visible surface is hidden; its distance in
-// front of the surface counts up to `reach`. Depths belong to pixel centres and are interpolated only within one
-// surface. A depth of 0 means background, so everything in front of it is empty. In a contracted scene, cells
-// beyond `edge` stay unknown. `votes` has two numbers per cell: views that see it, and views that it is hidden
-// from.
+// Add the votes of some views to every grid cell.
+// Camera poses apply to positions in grid units.
+// `grid` holds the lowest corner of the grid and the size of a cell.
+// A cell is hidden if it lies behind the visible surface by more than `behind`.
+// Distances in front of the surface are limited to `reach`.
+// Depths belong to pixel centres, and are interpolated only within one surface.
+// A depth of 0 means background, so the whole ray is empty.
+// In a contracted scene, cells beyond `edge` stay unknown.
+// The array `votes` has two numbers per cell.
+// One number counts the views that see the cell; the other number counts the views that hide the cell.
 __kernel void vote(__constant float *cameras, int views, __constant float *grid, __global const float *depths,
     int stride, int nx, int ny, int nz, float edge, float reach, float behind, int contracted, __global float *sums,
     __global ushort *votes)
@@ -45,7 +53,7 @@ __kernel void vote(__constant float *cameras, int views, __constant float *grid,
         float unit = camera[18];
         __global const float *depth = depths + k * stride;
         float there = depth[(int)v * width + (int)u] * unit;
-        // Interpolated depths differ by less than `reach` from the depth of the pixel.
+        // Interpolated depths differ from the depth of the pixel by less than `reach`.
         bool is_near = fabs(there - away) < 2.0f * reach + behind;
         if (there > 0.0f && is_near && width > 1 && height > 1) {
             int column = clamp((int)floor(u - 0.5f), 0, width - 2), line = clamp((int)floor(v - 0.5f), 0, height - 2);
@@ -56,7 +64,7 @@ __kernel void vote(__constant float *cameras, int views, __constant float *grid,
             if (least > 0.0f && most - least < reach)
                 there = (a * (1.0f - right) + b * right) * (1.0f - down) + (c * (1.0f - right) + d * right) * down;
         }
-        // Distance in front of the surface; cells far behind it are hidden.
+        // Distance of the cell in front of the surface; cells far behind the surface are hidden.
         float far = there > 0.0f ? there - away : reach;
         if (far < -behind) {
             hidden++;
@@ -70,9 +78,11 @@ __kernel void vote(__constant float *cameras, int views, __constant float *grid,
     votes[2 * i + 1] = hidden;
 }
 
-// Replace the sums by the average vote minus `thick`, which is negative in solid cells. A triangle soup has holes,
-// and views through a hole see inside: a cell that fewer than a `share` of the hiding views see is solid, and with
-// twice as many the votes count fully. A cell outside all images is unknown.
+// Replace the sum of votes by the average vote minus `thick`; the result is negative in solid cells.
+// A triangle soup has holes, through which views see inside.
+// Therefore a cell is solid if few views see it: less than `share` times the number of hiding views.
+// If at least twice this number of views see the cell, the votes have their full weight.
+// A cell outside all images has the value UNKNOWN.
 __kernel void count_votes(__global float *sums, __global const ushort *votes, float share, float thick, uint count)
 {
     size_t i = get_global_id(0);

@@ -1,9 +1,11 @@
-// The equations of msb/bake/texture_equations.py, solved by conjugate gradients for red, green and blue together, in x, y
-// and z. Each work-item handles RUN consecutive texels, so sums are equal in every run. msb/bake/texture_equations.py
-// defines RUN and NOTHING, the residual that counts as 0.
+// This file solves the equations of msb/bake/texture_equations.py by conjugate gradients.
+// Red, green and blue are solved together, in x, y and z.
+// Each work-item handles RUN consecutive texels, so sums are equal in every run.
+// msb/bake/texture_equations.py defines RUN.
+// NOTHING, in the same file, is the residual below which a solution is exact.
 
-// Tie neighbours in a chart to each other, and a texel without neighbours to its current value. Otherwise, texels
-// that no image shows would take any value that their average in a smaller level requires.
+// Tie neighbouring texels of a chart to each other, and tie a texel without neighbours to its current value.
+// Without these ties, texels that no image shows could take arbitrary values.
 __kernel void tie(__global const int *charts, float weight, int side, __global float8 *equations, uint count)
 {
     size_t i = get_global_id(0);
@@ -16,8 +18,9 @@ __kernel void tie(__global const int *charts, float weight, int side, __global f
     equations[i] += weight * tied;
 }
 
-// Add the contributions of smaller levels to the right-hand sides of a level, from `start` on, and to its
-// diagonal, which goes to w. The next smaller level begins at `next`; 0 marks the smallest level.
+// Add the contributions of smaller levels to the right-hand sides of a level, which begin at `start`.
+// Add the same contributions to the level's diagonal in w.
+// The next smaller level begins at `next`; 0 marks the smallest level.
 __kernel void spread(__global float8 *equations, uint start, uint next, int side, __global float4 *direction,
     uint count)
 {
@@ -35,8 +38,9 @@ __kernel void spread(__global float8 *equations, uint start, uint next, int side
     direction[start + i] = first;
 }
 
-// Store the inverse of the diagonal in w, and clear the change. Right-hand sides become residuals; return partial
-// sums of their squares weighted by the inverse diagonal.
+// Store the inverse of the diagonal in w, and set the change to zero.
+// Turn right-hand sides into residuals.
+// Return partial sums of their squares weighted by the inverse diagonal.
 __kernel void begin(__global const float8 *equations, __global float4 *direction, __global float *change,
     __global float4 *partial, uint count)
 {
@@ -54,7 +58,8 @@ __kernel void begin(__global const float8 *equations, __global float4 *direction
     partial[run] = total;
 }
 
-// The next direction: the residual scaled by the inverse diagonal, plus `again` times the previous direction.
+// The next search direction is the sum of two vectors.
+// The vectors are the residual scaled by the inverse diagonal, and `again` times the previous direction.
 __kernel void turn(__global const float8 *equations, float4 again, __global float4 *direction, uint count)
 {
     size_t i = get_global_id(0);
@@ -65,8 +70,8 @@ __kernel void turn(__global const float8 *equations, float4 again, __global floa
     direction[i] = before;
 }
 
-// A texel of a smaller level, `side` texels wide and starting at `start`, is the average of four texels of the
-// larger level.
+// The texels of a smaller level begin at `start`; a row has `side` texels.
+// Each texel is the average of four texels of the larger level.
 __kernel void halve(__global float4 *direction, uint before, uint start, int side, uint count)
 {
     size_t i = get_global_id(0);
@@ -76,8 +81,8 @@ __kernel void halve(__global float4 *direction, uint before, uint start, int sid
     direction[start + i] = 0.25f * (four[0] + four[1] + four[2 * side] + four[2 * side + 1]);
 }
 
-// The left-hand sides of a level with the contributions of smaller levels; return partial sums of their products
-// with `direction`.
+// Compute the left-hand sides of a level with the contributions of smaller levels.
+// Return partial sums of their products with `direction`.
 __kernel void apply(__global const float8 *equations, __global const float4 *direction, uint start, uint next, int side,
     __global float *sums, __global float4 *partial, uint count)
 {
@@ -122,7 +127,7 @@ __kernel void apply(__global const float8 *equations, __global const float4 *dir
     partial[run] = total;
 }
 
-// Advance by `length` along `direction`; return partial sums of the squared residual.
+// Advance the solution by `length` along `direction`; return partial sums of the squared residual.
 __kernel void advance(__global const float4 *direction, __global const float *sums, float4 length,
     __global float8 *equations, __global float *change, __global float4 *partial, uint count)
 {

@@ -1,26 +1,30 @@
-// Equations that the pixels of an image impose on the texels of a square texture and its smaller levels, as in
-// msb/bake/texture_equations.py. Sums are equal in every run: sums of a texel follow the order of its pixels.
+// Equations that image pixels impose on the texels of a square texture and its smaller levels.
+// The formulas are in msb/bake/texture_equations.py.
+// Sums are equal in every run, because the pixels of a texel are added in order.
 #define LANES 1
 #include "zbuffer_math.cl"
 #include "zbuffer_texture.cl"
 
 #define SHOWN(target, place) ((float)(target)[place] * (1.0f / 65535.0f))
 
-// The part of a level that a pixel shows: its offset from the first of the four blended texels, and its share.
+// The part of a texture level that a pixel shows.
+// The members are the pixel's offset from the first of four blended texels, and the share of the level.
 typedef struct {
     float x, y, share, unused;
 } Sample;
 
-// Values of a face that are equal for all pixels of a view. A position in the texture, in texels, is a quotient of
-// two sums of products with px, py and 1: `rows` holds the factors of the denominator, then of the numerators of u
-// and v. `low` and `high` are the bounds of the face.
+// Values of a face that are constant over all pixels of a view.
+// A position in texels is a quotient of two linear functions of px and py.
+// The array `rows` holds the factors of the denominator, then of the numerators of u and v.
+// `low` and `high` are the bounds of the face in the texture.
 typedef struct {
     float rows[3][3], low[2], high[2];
     int is_long;
     float unused[2];
 } Ways;
 
-// `corners` and `uvs` hold three corners per face. The volumes are defined as in weights_and_steps.
+// The arrays `corners` and `uvs` hold three corners per face.
+// The volumes are defined as in the function weights_and_steps.
 __kernel void faces(__global const float *corners, __global const float *uvs, __constant float *view, int side,
     __global Ways *ways, uint count)
 {
@@ -55,8 +59,10 @@ __kernel void faces(__global const float *corners, __global const float *uvs, __
     ways[face] = ways_of_face;
 }
 
-// Each pixel has two samples, in neighbouring levels, and a key for each: the first of the four texels, or `none`.
-// `errors` is the difference to the training image; `starts` holds the first texel of each level.
+// Each pixel has a sample in each of two neighbouring levels.
+// The key of a sample is the first of its four texels, or `none`.
+// `errors` is the difference to the training image.
+// `starts` holds the number of the first texel of each level.
 __kernel void samples(__global const float *corners, __global const float *uvs, __constant float *view,
     __global const Ways *ways, __global const int *faces, __global const float *image, __global const ushort *target,
     __global const int *starts, int side, int levels, int width, uint none, __global uint *keys,
@@ -74,7 +80,7 @@ __kernel void samples(__global const float *corners, __global const float *uvs, 
         error[channel] = SHOWN(target, 3 * i + channel) - image[3 * i + channel];
     errors[i] = (float4)(error[0], error[1], error[2], 0.0f);
 
-    // Texture position of the pixel, and its change per pixel along x and y.
+    // Texture position of the pixel, and the change of this position per pixel along x and y.
     float px = (float)((int)i % width) + 0.5f - view[OPTICAL], py = (float)((int)i / width) + 0.5f - view[OPTICAL + 1];
     Ways way = ways[face];
     float bottom = MAD(px, way.rows[0][0], MAD(py, way.rows[0][1], way.rows[0][2]));
@@ -103,7 +109,7 @@ __kernel void samples(__global const float *corners, __global const float *uvs, 
         for (int k = 0; k < 2; k++)
             along[k] = MAD(steps[k], steps[k], along[k]);
     }
-    // The level follows from the larger change; both neighbouring levels share the pixel.
+    // The larger change determines the level; the two nearest levels share the pixel.
     float lod = 0.5f * log2_of(MAX(1.0f, MAX(along[0], along[1])));
     lod = MAX(0.0f, MIN(lod, (float)(levels - 1)));
     int level = (int)lod;
@@ -137,8 +143,9 @@ uint first_of(__global const uint *keys, uint count, uint key)
     return from;
 }
 
-// Add samples to the equations of the four texels that each blends, in the layout of bake_solve.cl. A work-item
-// takes the samples whose first texel lies in one row of a level; rows with the same parity share no texel.
+// Add samples to the equations of the four texels that each sample blends, in the layout of bake_solve.cl.
+// A work-item takes the samples whose first texel lies in a certain row of a level.
+// Rows of equal parity share no texel.
 __kernel void add(__global const uint *keys, __global const uint *places, __global const Sample *samples,
     __global const float4 *errors, __global const int *starts, int side, int levels, int parity, float weight,
     __global float8 *equations, uint count)
@@ -152,7 +159,7 @@ __kernel void add(__global const uint *keys, __global const uint *places, __glob
     uint begin = (uint)(starts[level] + row * wide), end = first_of(keys, count, begin + wide);
     for (uint i = first_of(keys, count, begin); i < end; i++) {
         Sample s = samples[places[i]];
-        // factors of the first texel; the others use the same factors in other places, and 0 from s4
+        // factors of the first texel; swizzles rearrange them for other texels and fill in s4, which is 0
         float8 w = 0.0f;
         w.lo = (float4)(1.0f - s.x, s.x, 1.0f - s.x, s.x) * (float4)(1.0f - s.y, 1.0f - s.y, s.y, s.y);
         w.s567 = errors[places[i] / 2].xyz;

@@ -1,8 +1,8 @@
-// Falloff of Triangle-Splatting and MeshSplatting: projected triangles with incentre and edge distances. The file
-// of a method includes this after its face structs, and defines MAX_ALPHA, the maximum alpha, and SIGMA, the
-// exponent of the falloff of face `f`. Sources: trianglesplatting/diff-triangle-rasterization at 6d61f4c:
-// cuda_rasterizer/forward.cu, auxiliary.h; meshsplatting/diff-triangle-mesh-rasterization at b27f283 (the same
-// lines).
+// Falloff of Triangle-Splatting and MeshSplatting, from projected triangles with incentre and edge distances.
+// The kernel file of a method includes this file after its face structs.
+// The including file defines the maximum alpha MAX_ALPHA, and SIGMA, the exponent of the falloff of face `f`.
+// Sources: trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu, auxiliary.h;
+// meshsplatting/diff-triangle-mesh-rasterization at b27f283 (the same lines).
 
 #if ENGINE
 #include "splat_engine.cl"
@@ -21,7 +21,7 @@
 
 typedef struct {
     real depth;          // camera z of the centroid
-    vec3 normal;         // unit, camera space, towards the camera; shorter for tiny faces
+    vec3 normal;         // unit normal in camera space, towards the camera; shorter for tiny faces
     vec2 corners[3];     // samples
     vec2 edge_normal[3]; // outwards
     real edge_offset[3];
@@ -37,8 +37,9 @@ vec2 window_sample(__constant View *view, vec3 p)
                   to_sample(affine(m + 4, p) * inverse, view->height) + view->shift[1]};
 }
 
-// Returns which triangles pass all tests except opacity and tiles. Nothing is clipped: the division mirrors a
-// corner behind the camera, as in upstream.
+// Returns which triangles pass all tests; opacity and tiles are tested later.
+// Nothing is clipped.
+// As in the official code, the division mirrors a corner behind the camera.
 mask project_window(__constant View *view, vec3 a, vec3 b, vec3 c, Window *w)
 {
     vec3 center = center_of(a, b, c), camera = to_camera(view, center);
@@ -61,8 +62,9 @@ mask project_window(__constant View *view, vec3 a, vec3 b, vec3 c, Window *w)
     }
 
     vec2 p = w->corners[0], q = w->corners[1], r = w->corners[2];
-    // Small triangles fail the inradius test below anyway, because the inradius is at most half the radius. This
-    // shortcut excludes coincident corners, whose inradius is NaN. Most triangles of a capture are this small.
+    // Small triangles always fail the inradius test below, because the inradius is at most half the radius.
+    // The shortcut excludes triangles with coincident corners, whose inradius is NaN.
+    // Most triangles of a captured scene are this small.
     mask tiny = (radius < 1.9f) & ((p.x != q.x) | (p.y != q.y)) & ((q.x != r.x) | (q.y != r.y)) &
                 ((p.x != r.x) | (p.y != r.y));
     dropped |= (radius > MAX_RADIUS) | (radius < 1.0f) | tiny;
@@ -84,12 +86,13 @@ mask project_window(__constant View *view, vec3 a, vec3 b, vec3 c, Window *w)
         w->edge_offset[k] = t * outward;
         w->inradius[k] = distance * outward;
     }
-    // The comparison keeps a face if a value is NaN.
+    // The comparison keeps a face if one of its values is NaN.
     return !(dropped | (w->inradius[2] > -1.0f));
 }
 
-// Samples with alpha of at least 1/255: the triangle shrunk around its incentre until phi = `rim`; empty if `rim`
-// is above 1. The slack covers rounding of edges, which a sharp corner magnifies.
+// Samples with alpha of at least 1/255 lie in the triangle shrunk around its incentre until phi = `rim`.
+// The shrunk triangle is empty if `rim` is above 1.
+// The slack covers rounding errors of edges, which a sharp corner magnifies.
 Box window_box(__constant View *view, const Window *w, real rim)
 {
     vec2 p = w->corners[0], q = w->corners[1], r = w->corners[2], m = w->incentre;
@@ -106,13 +109,15 @@ Box window_box(__constant View *view, const Window *w, real rim)
     return box;
 }
 
-// Tiles of the contour o phi^sigma = 0.01: each edge is moved inwards, then neighbouring edges are intersected.
-// The rim beyond it, down to alpha = 1/255, is visible only in tiles that the contour touches.
+// Find the tiles of the contour o phi^sigma = 0.01.
+// Move each edge inwards, then intersect neighbouring edges.
+// Beyond this contour, alpha falls to 1/255 at the rim.
+// The rim is visible only in tiles that the contour touches.
 Box contour_tiles(__constant View *view, const Window *w, real shrunk)
 {
     real offset[3], distance = (real)0.0f;
     for (int k = 0; k < 3; k++) {
-        // All three edges use the distance of the first, unless it underflowed to 0.
+        // All three edges use the distance of the first edge, unless that distance underflowed to 0.
         distance = distance == 0.0f ? w->inradius[k] * shrunk : distance;
         offset[k] = w->edge_offset[k] / length2(w->edge_normal[k]) - distance;
     }
@@ -122,7 +127,8 @@ Box contour_tiles(__constant View *view, const Window *w, real shrunk)
         vec2 n = w->edge_normal[current], m = w->edge_normal[previous];
         real t = offset[current], s = offset[previous];
         real determinant = cross2(n, m);
-        // Upstream inverts the test of the last pair, so only there NaN skips the intersection.
+        // The official code inverts the test of the last pair of edges, so a NaN skips only this
+        // intersection.
         mask use = magnitude(determinant) >= MIN_DETERMINANT;
         if (pair < 2)
             use = !(magnitude(determinant) < MIN_DETERMINANT);
@@ -140,7 +146,7 @@ Box contour_tiles(__constant View *view, const Window *w, real shrunk)
 }
 
 #if !ENGINE
-// Stores in `f` the values of its window for blending; alpha is at least 1/255 up to phi = `rim`.
+// Stores the values for blending in `f`; alpha is at least 1/255 where phi is at most `rim`.
 void keep_window(__constant View *view, const Window *w, real rim, Faces *f)
 {
     for (int k = 0; k < 3; k++) {
@@ -162,7 +168,7 @@ void keep_window(__constant View *view, const Window *w, real rim, Faces *f)
 // ---- at the samples of a row
 
 typedef struct {
-    real edge[3]; // n.x x: the part of an edge distance that is constant along a column
+    real edge[3]; // n.x x, the part of an edge distance that is constant along a column
 #if VERTEX_COLORS
     real x; // from corner 0
 #endif
@@ -182,8 +188,8 @@ Columns columns_of(FACE_POINTER f, real x, __constant View *view)
     return c;
 }
 
-// Sets the largest of the three distances n.x x + n.y y + t, added in this order as in upstream; it is positive
-// outside.
+// Sets the largest of the three distances n.x x + n.y y + t, which is positive outside.
+// The terms are added in this order, as in the official code.
 mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sample *s)
 {
     real e0 = (c->edge[0] + f->normal_y[0] * y) + f->offset[0];
@@ -194,8 +200,8 @@ mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sa
 }
 
 #if LANES == 8
-// Returns which pairs of rows y, y + 1 (one pair per lane) contain samples in the eight columns from `left` on:
-// the distance of each edge at the innermost corner of those samples is not positive, allowing for rounding.
+// Returns which row pairs y, y + 1 (one per lane) contain samples in the eight columns that begin at `left`.
+// A pair contains samples if no edge has a positive distance at the innermost corner, allowing for rounding.
 mask reaches(FACE_POINTER f, float left, real y)
 {
     mask reached = (mask)-1;
@@ -211,8 +217,9 @@ mask reaches(FACE_POINTER f, float left, real y)
 #endif
 #endif
 
-// phi^sigma as exp2(sigma log2 phi); 0 for phi = 0. The clamp keeps the fast exp2 in range; below it coverage is
-// under 1/255 anyway.
+// phi^sigma is computed as exp2(sigma log2 phi), and is 0 for phi = 0.
+// The clamp keeps exp2 in its valid range.
+// Below this range, alpha is under 1/255.
 real window_power(real phi, float sigma)
 {
     real value = exp2_fast(greater(sigma * log2_fast(greater(phi, (real)1e-30f)), (real)-100.0f));

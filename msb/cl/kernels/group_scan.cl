@@ -1,8 +1,10 @@
-// Prefix sum over a work-group of GROUP work-items, a power of two, by steps that double the distance (Hillis and
-// Steele, Data parallel algorithms, 1986).
+// Prefix sum over a work-group of GROUP work-items (a power of two) by steps of doubling distance.
+// Source: Hillis and Steele, Data parallel algorithms, 1986.
 
-// Returns the sum of `value` over the preceding work-items; *total is the sum over all of them. Every work-item of
-// the group must call it; `shared` has GROUP elements and may be reused afterwards.
+// Returns the sum of `value` over the preceding work-items.
+// *total is the sum over all work-items of the group.
+// Every work-item of the group must call this function.
+// `shared` has GROUP elements and may be reused afterwards.
 SUM group_scan(SUM value, __local SUM *shared, SUM *total)
 {
     uint me = get_local_id(0);

@@ -1,8 +1,9 @@
-// Operations on eight lanes for CPU kernels: operators, ternaries and dereferenced vectors only.
+// Operations on eight lanes for CPU kernels, which use only operators, ternaries and dereferenced vectors.
 //
-// The PoCL wheel does not inline OpenCL functions, because its library is built for another instruction set than the
-// kernels, and passes vectors to them through memory. Therefore only functions of the compiler itself are used.
-// 64-bit vectors have four lanes: eight would take 512 bits, see docs/opencl.md.
+// The PoCL wheel does not inline OpenCL functions and passes vectors to them through memory.
+// The reason is that PoCL's library and the kernels use different instruction sets.
+// Therefore these kernels use only builtins of the compiler.
+// 64-bit vectors have four lanes, because eight would take 512 bits (docs/opencl.md).
 
 typedef float8 __attribute__((aligned(4))) loose_float8;
 typedef int8 __attribute__((aligned(4))) loose_int8;
@@ -18,7 +19,8 @@ typedef int8 __attribute__((aligned(4))) loose_int8;
 #define TO_LONG4(x) __builtin_convertvector(x, long4)
 #define LOWEST_BIT(x) __builtin_ctz(x)
 #define PREFETCH(p) __builtin_prefetch(p)
-// Prefetch into the second-level cache only. Prefetching so many lines into the first level would delay its loads.
+// Prefetch into the second-level cache only.
+// The first-level cache has too few slots for all these pending lines, and its loads would be delayed.
 #define PREFETCH_FAR(p) __builtin_prefetch(p, 0, 2)
 #else
 #define TO_INT(x) convert_int8(x)
@@ -36,7 +38,7 @@ int8 min8i(int8 a, int8 b) { return a < b ? a : b; }
 int8 max8i(int8 a, int8 b) { return a > b ? a : b; }
 float8 magnitude(float8 a) { return as_float8(as_int8(a) & 0x7fffffff); }
 
-// PoCL calls its sqrt for each lane; the instruction rounds identically.
+// PoCL calls its sqrt function for each lane; this single instruction rounds identically.
 #if defined(__clang__) && defined(__AVX__)
 float8 sqrt8(float8 a)
 {

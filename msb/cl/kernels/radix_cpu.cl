@@ -1,9 +1,12 @@
-// One pass of a stable radix sort, CPU style: each work-item processes a contiguous chunk with a private
-// histogram. KEY is uint or ulong. A pass sorts by the digit (key >> shift) & mask, mask < DIGITS.
+// One pass of a stable radix sort in CPU style.
+// Each work-item processes a contiguous chunk with a private histogram.
+// The type KEY is uint or ulong.
+// A pass sorts by the digit (key >> shift) & mask, where mask < DIGITS.
 
 #define DIGIT(key) ((uint)((key) >> shift) & mask)
 
-// counts is digit-major, so its exclusive prefix sum gives the write position of each digit of each chunk.
+// The array `counts` is digit-major.
+// The exclusive prefix sum of `counts` gives the write position of each digit of each chunk.
 __kernel void count_digits(__global const KEY *keys, __global uint *counts, uint count, uint chunk,
                            uint chunks, uint shift, uint mask)
 {
@@ -18,7 +21,7 @@ __kernel void count_digits(__global const KEY *keys, __global uint *counts, uint
         counts[d * chunks + c] = mine[d];
 }
 
-// With `number`, the values are element numbers, and `values` is not read.
+// If `number` is set, the values are element numbers, and `values` is not read.
 __kernel void move_pairs(__global const KEY *restrict keys, __global const uint *restrict values,
                          __global KEY *restrict keys_out, __global uint *restrict values_out,
                          __global const uint *restrict places, uint count, uint chunk, uint chunks,

@@ -1,7 +1,10 @@
-// One pass of a stable radix sort, GPU style: a work-group sorts a tile of GROUP * ITEMS keys by one digit in
-// local memory, ROUND bits at a time, then writes runs of equal digits. Counting, prefix sum and a rank per
-// work-item follow Satish, Harris and Garland, Designing efficient sorting algorithms for manycore GPUs (2009).
-// KEY is uint or ulong. A pass sorts by the digit (key >> shift) & mask, mask < DIGITS.
+// One pass of a stable radix sort in GPU style.
+// A work-group sorts a tile of GROUP * ITEMS keys by one digit in local memory, ROUND bits at a time.
+// The work-group then writes runs of equal digits.
+// Counting, prefix sum and rank follow Satish, Harris and Garland (2009).
+// Title: Designing efficient sorting algorithms for manycore GPUs.
+// The type KEY is uint or ulong.
+// A pass sorts by the digit (key >> shift) & mask, where mask < DIGITS.
 
 #define SUM uint
 #include "group_scan.cl"
@@ -9,10 +12,11 @@
 #define TILE (GROUP * ITEMS)
 #define DIGIT(key) ((uint)((key) >> shift) & mask)
 #define ROUND 4
-#define PARTS (1 << ROUND) // number of values of the bits of a round
+#define PARTS (1 << ROUND) // number of values that ROUND bits can take
 #define PART(key) (DIGIT(key) >> bit & (PARTS - 1))
 
-// counts is digit-major, so its exclusive prefix sum gives the write position of each digit of each tile.
+// The array `counts` is digit-major.
+// The exclusive prefix sum of `counts` gives the write position of each digit of each tile.
 __kernel void count_digits(__global const KEY *keys, __global uint *counts, uint count, uint tiles,
                            uint shift, uint mask)
 {
@@ -31,15 +35,15 @@ __kernel void count_digits(__global const KEY *keys, __global uint *counts, uint
         counts[d * tiles + tile] = mine[d];
 }
 
-// With `number`, the values are element numbers, and `values` is not read.
+// If `number` is set, the values are element numbers, and `values` is not read.
 __kernel void move_pairs(__global const KEY *restrict keys, __global const uint *restrict values,
                          __global KEY *restrict keys_out, __global uint *restrict values_out,
                          __global const uint *restrict places, uint count, uint tiles, uint shift,
                          uint mask, uint number)
 {
     __local KEY sorted[TILE];
-    __local ushort origin[TILE];         // original position in the tile of a key of `sorted`
-    __local ushort ranks[PARTS * GROUP]; // part-major: by part, then by work-item
+    __local ushort origin[TILE];         // original position in the tile of each key in `sorted`
+    __local ushort ranks[PARTS * GROUP]; // ordered by part, then by work-item
     __local uint shared[GROUP];
     __local uint starts[DIGITS];
     size_t tile = get_group_id(0), me = get_local_id(0), base = tile * TILE;
@@ -53,7 +57,7 @@ __kernel void move_pairs(__global const KEY *restrict keys, __global const uint 
         }
     }
     for (uint bit = 0; bit == 0 || mask >> bit; bit += ROUND) {
-        // Each work-item takes consecutive keys in order, which makes the sort stable.
+        // Each work-item takes consecutive keys in order, so the sort is stable.
         KEY mine[ITEMS];
         ushort from[ITEMS], rank[ITEMS];
         uint total, sum = 0;

@@ -1,5 +1,7 @@
-// Exclusive prefix sum, CPU style: each work-item processes a contiguous chunk, without local memory. SUM is uint
-// or ulong. Sums are modulo 2^32 or 2^64.
+// Exclusive prefix sum in CPU style.
+// Each work-item processes a contiguous chunk, without local memory.
+// The type SUM is uint or ulong.
+// Sums wrap modulo 2^32 or 2^64.
 
 __kernel void sum_chunks(__global const uint *values, __global SUM *starts, uint count, uint chunk)
 {
@@ -21,7 +23,7 @@ __kernel void scan_starts(__global SUM *starts, uint chunks)
     }
 }
 
-// `offsets` may share the memory of `values`: an element is read before its position is written.
+// `offsets` may share the memory of `values`, because each element is read before its position is written.
 __kernel void scan_chunks(__global const uint *values, __global const SUM *starts, __global SUM *offsets,
                           uint count, uint chunk, uint chunks)
 {

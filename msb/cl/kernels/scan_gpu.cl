@@ -1,5 +1,7 @@
-// Exclusive prefix sum, GPU style: work-groups of GROUP items, each with ITEMS consecutive elements. VALUE is
-// uint, or SUM when the sums of a lower level are scanned. SUM is uint or ulong.
+// Exclusive prefix sum in GPU style.
+// Each of the GROUP work-items of a group takes ITEMS consecutive elements.
+// VALUE is uint, or equals SUM when the sums of a lower level are scanned.
+// The type SUM is uint or ulong.
 
 #include "group_scan.cl"
 
@@ -19,8 +21,10 @@ __kernel void sum_tiles(__global const VALUE *values, __global SUM *sums, uint c
         sums[tile] = total;
 }
 
-// sums[tile] is the sum of a tile, or with `scanned` of all preceding tiles. `offsets` may share the memory of
-// `values`. If sums are few, each work-group adds the preceding ones, which saves the launches of another scan.
+// sums[tile] is the sum of a tile.
+// If `scanned` is set, sums[tile] is the sum of all preceding tiles.
+// `offsets` may share the memory of `values`.
+// If there are few sums, each work-group adds the preceding sums, so no other scan is launched.
 __kernel void scan_tiles(__global const VALUE *values, __global const SUM *sums, __global SUM *offsets,
                          uint count, uint scanned)
 {
@@ -29,7 +33,7 @@ __kernel void scan_tiles(__global const VALUE *values, __global const SUM *sums,
     SUM mine[ITEMS], sum = 0, before = 0, total;
     if (scanned)
         before = sums[tile];
-    else if (tile > 0) { // uniform within the work-group
+    else if (tile > 0) { // condition is uniform within the work-group
         for (size_t t = me; t < tile; t += GROUP)
             sum += sums[t];
         group_scan(sum, shared, &before);

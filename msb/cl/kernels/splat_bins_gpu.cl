@@ -1,4 +1,4 @@
-// Tile lists, GPU style: pairs (tile, primitive) in depth order, then a stable sort by tile.
+// Tile lists in GPU style: write pairs (tile, primitive) in depth order, then sort them stably by tile.
 
 #include "splat_compact.cl"
 
@@ -29,7 +29,8 @@ __kernel void emit_pairs(__global const uint *order, __global const Tiles *tiles
         }
 }
 
-// starts[t] is the first pair of tile t or a later tile, starts[tile_count] the number of pairs.
+// starts[t] is the position of the first pair of tile t or a later tile.
+// The last entry, starts[tile_count], is the number of pairs.
 __kernel void find_starts(__global const uint *pair_tiles, __global ulong *starts, uint pairs,
                           uint tile_count)
 {

@@ -1,14 +1,15 @@
-// Front-to-back blending, GPU style: a work-group of 16 x 16 per tile, one sample per work-item. Faces are staged
-// in local memory, BATCH at a time. A group ends when all its samples have stopped.
+// Front-to-back blending in GPU style: a work-group of 16 x 16 per tile, one sample per work-item.
+// Faces are loaded into local memory in batches of BATCH faces.
+// A work-group ends when all its samples have stopped.
 
 #if SHARES
-#define BATCH 16 // their weights at all samples fit into local memory
+#define BATCH 16 // number of faces whose weights at all samples fit into local memory
 #else
 #define BATCH 64
 #endif
 #define GROUP (TILE * TILE)
 
-// A union, because a compiler may miss stores of faces through pointers to words.
+// This is a union, because a compiler may miss stores of faces through pointers to words.
 typedef union {
     Face face;
     uint words[FACE_WORDS];
@@ -109,7 +110,7 @@ BLEND(__constant View *view, __global const ulong *starts, __global const uint *
 #endif
         }
 #if SHARES
-        // Each work-item sums a column of samples of a face; then the sums of the columns are added.
+        // Each work-item sums a column of samples of a face; then the group adds the sums of the columns.
         barrier(CLK_LOCAL_MEM_FENCE);
         float sum[4] = {0.0f, 0.0f, 0.0f, 0.0f};
         for (uint k = me % TILE; k < GROUP; k += TILE)

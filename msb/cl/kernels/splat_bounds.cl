@@ -1,9 +1,10 @@
-// Find faces that are certainly culled and invisible in a view, from their bounding spheres. This reads fewer bytes
-// than the projection of a face and takes a tenth of the arithmetic. Margins for rounding errors ensure that the
-// result never contradicts the official tests.
+// Find faces that are certainly culled and invisible in a view, using their bounding spheres.
+// This test reads fewer bytes than projecting a face, and takes a tenth of the arithmetic.
+// Margins for rounding errors ensure that every face that passes the official tests is kept.
 //
-// bounds: four rows of `stride` words: x, y and z of the centroid, then one word with the largest distance of a
-// corner from it and the inradius, both rounded up to the upper half of a float.
+// `bounds` has four rows of `stride` words: x, y and z of the centroid, and one word with two halves.
+// The halves are the largest distance of a corner from the centroid, and the inradius.
+// The two numbers are rounded up to the upper half of a float.
 
 #if LANES == 8
 #define HERE(p) (*(__global loose_float8 *)(p)) // values of consecutive faces
@@ -19,7 +20,7 @@
 
 mask upper_half(real x) { return (AS_WORD(x * 1.0001f) + 0xffff) & (int)0xffff0000; }
 
-// Runs once per asset.
+// This kernel runs once per asset.
 __kernel void bound_faces(__global const float *positions, __global const uint *indices,
                           __global float *bounds, uint stride, uint count)
 {
@@ -46,8 +47,8 @@ __kernel void bound_faces(__global const float *positions, __global const uint *
 }
 
 #if LANES == 8
-// Spheres around groups of FACE_GROUP consecutive faces, in the layout of `bounds`; the inradius is the largest of
-// a face.
+// Spheres around groups of FACE_GROUP consecutive faces, in the layout of `bounds`.
+// The inradius of a group is the largest inradius of its faces.
 __kernel void bound_groups(__global const float *bounds, __global float *groups, uint stride,
                            uint group_stride, uint count)
 {
@@ -80,9 +81,10 @@ __kernel void bound_groups(__global const float *bounds, __global float *groups,
 }
 #endif
 
-// Returns which of LANES consecutive spheres from `first` on belong to faces that may be kept, or to groups with
-// such a face. depth_growth: how many radii a centroid may lie behind the centre of the sphere. NaN
-// is kept.
+// Returns which of LANES consecutive spheres, from `first` on, may be kept.
+// The spheres belong to faces or to groups of faces.
+// A centroid may lie up to `depth_growth` radii behind the centre of the sphere.
+// NaN is kept.
 mask may_be_kept(__constant View *view, __global const float *bounds, uint stride, size_t first,
                  float depth_growth)
 {
@@ -103,8 +105,8 @@ mask may_be_kept(__constant View *view, __global const float *bounds, uint strid
     mask before = nearest > 0.1f * (magnitude(x) + magnitude(y) + 1.5f * radius);
     beside &= before;
 #if SMALL_IS_DROPPED
-    // The projection magnifies lengths, and so the inradius, by at most focal |p| / z^2. A projected inradius
-    // below 1 sample is dropped.
+    // The projection magnifies lengths, such as the inradius, by at most focal |p| / z^2.
+    // Faces with a projected inradius below 1 sample are dropped.
     real inradius = AS_REAL(radii << 16) + limits->rounding;
     real most = inradius * limits->focal * (length3((vec3){x, y, z}) + radius);
     beside |= before & (most < 0.99f * nearest * nearest);

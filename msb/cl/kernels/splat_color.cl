@@ -1,6 +1,7 @@
-// Colours of faces or vertices from spherical harmonics; included by the file of a method.
+// Colours of faces or vertices from spherical harmonics.
+// The kernel file of each method includes this file.
 
-#define MOST_REST 72 // floats of f_rest at degree 4
+#define MOST_REST 72 // number of floats of f_rest at degree 4
 
 // max(0.5 + sum_k B_k(d) k_k, 0) with d = (p - c) / |p - c|, as all methods evaluate it
 // (GaodeRender/triangle-splatting: submodules/diff-triangle-rasterization-2D/src/forward.cu, and copies).
@@ -62,7 +63,7 @@ void color_of(__constant View *view, __global const float *f_dc, __global const 
         ADD(24, 0.6258357354491761f * (xx * (xx - 3.0f * yy) - yy * (3.0f * xx - yy)));
     }
 #undef ADD
-    real zero = (real)0.0f; // also where the direction is NaN
+    real zero = (real)0.0f; // the colour is 0 if the direction is NaN
     color[0] = greater(zero, sum.x + 0.5f);
     color[1] = greater(zero, sum.y + 0.5f);
     color[2] = greater(zero, sum.z + 0.5f);

@@ -1,37 +1,43 @@
-// Code shared by the splatting kernels of all methods: the view, vectors in the official order of operations, and
-// lanes, so that the coverage of a method is written once for both styles of kernels.
+// Code shared by the splatting kernels of all methods.
+// The shared code has the view, vectors in the official order of operations, and lanes.
+// Code with lanes serves both kernel styles, so a method needs only one coverage function.
 //
-// Nothing is fused except MAD: depth keys, culling tests, tile rectangles and inside tests must round as
-// in the official kernels, and the default, which leaves fusing to the compiler, differs between devices.
+// Only the operation MAD is fused.
+// Depth keys, culling tests, tile rectangles and inside tests must round as in the official kernels.
+// By default the compiler decides about fusing, and devices differ.
 #pragma OPENCL FP_CONTRACT OFF
 
 #define MIN_ALPHA (1.0f / 255.0f)
 #define MIN_TRANSMITTANCE 1e-4f
 
-// Limits for bounding spheres, with slack for rounding: see splat_bounds.cl.
+// Limits for bounding spheres, with slack for rounding errors (see splat_bounds.cl).
 typedef struct {
-    float nearest;      // a sphere is dropped if its centre, moved away by depth_growth radii, is nearer
+    float nearest;      // minimum depth of the centre of a sphere, moved away by depth_growth radii
     float depth_growth;
-    float sides[4];     // x / z of the left and right edge of the raster, y / z of the upper and lower one
-    float growth;       // a sphere is outside if its centre is this many radii outside of a side
+    float sides[4];     // x / z of the left and right edges of the raster, y / z of the upper and lower edges
+    // a sphere is outside if its centre lies more than this number of radii outside an edge of the raster
+    float growth;
     float rounding;     // rounding error of coordinates in camera space
-    float focal;        // focal length in samples
+    float focal;        // focal lengths in samples
 } Limits;
 
 // Every member has four bytes; the layout matches VIEW in msb/render/splat/view.py.
 typedef struct {
     float world_to_camera[12]; // rows of W, for column vectors
     float full[16];            // P W
-    float center[3];           // of the camera, in world space
+    float center[3];           // position of the camera in world space
     float tan_fov[2];
     float shift[2];            // offset of the principal point from the middle of the raster, in samples
     uint width, height;        // size of the raster in samples
     uint columns, rows;        // numbers of tiles
-    uint degree;               // degree of the spherical harmonics to evaluate
-    uint rest_stride;          // floats per row of f_rest; red, green, blue of coefficient 1, then of 2, ...
-    // Which tiles list a face: the tiles that it reaches (TILES_REACHED), its official tiles (TILES_OFFICIAL), or
-    // the official tiles that it reaches (TILES_BOTH), which show the same as the official ones.
-    // msb/render/splat/pipeline.py defines them.
+    uint degree;               // maximum degree of the evaluated spherical harmonics
+    uint rest_stride;          // floats per row of f_rest: red, green, blue of coefficient 1, 2 and so on
+    // Three rules say which tiles list a face.
+    // TILES_REACHED lists a face in all tiles that it reaches.
+    // TILES_OFFICIAL uses the official tiles of the face.
+    // TILES_BOTH uses the official tiles that the face reaches.
+    // TILES_OFFICIAL and TILES_BOTH give the same image.
+    // msb/render/splat/pipeline.py defines these constants.
     uint tile_rule;
     Limits limits;
 #ifdef OWN_MEMBERS
@@ -41,11 +47,12 @@ typedef struct {
 #endif
 } View;
 
-// The model. Triangle soups store corners as rows of `positions` and do not read `indices`.
+// The model.
+// A triangle soup stores corners as rows of `positions` and does not use `indices`.
 typedef struct {
     __global const float *positions;
     __global const uint *indices;
-    __global const float *coverage; // rows of COVERAGE floats, by face or vertex
+    __global const float *coverage; // rows of COVERAGE floats, one row per face or vertex
     __global const float *f_dc, *f_rest;
 } Source;
 
@@ -57,7 +64,7 @@ typedef float8 real;
 typedef int8 mask;
 #define ANY(m) any8(m)
 #define LANE_INDEX ((float8)(0, 1, 2, 3, 4, 5, 6, 7))
-// With NaN, the first argument is returned.
+// If an argument is NaN, the first argument is returned.
 #define lesser(a, b) min8(b, a)
 #define greater(a, b) max8(b, a)
 #define lesser_of(a, b) min8i(b, a)
@@ -66,11 +73,11 @@ typedef int8 mask;
 
 real MAD(real a, real b, real c);
 
-// Adding 1.5 * 2^23 leaves the rounded integer in the low bits, without the conversion instruction, which PoCL
-// emits for each lane.
+// Adding 1.5 * 2^23 leaves the rounded integer in the low bits.
+// The addition avoids the conversion instruction, which PoCL emits separately for each lane.
 #define MAGIC 12582912.0f
 
-// 2^x for -126 <= x <= 127; relative error 2e-9 before rounding (minimax fit on [-0.5, 0.5]).
+// 2^x for -126 <= x <= 127, by a minimax fit on [-0.5, 0.5]; the relative error is 2e-9 before rounding.
 real exp2_fast(real x)
 {
     real shifted = x + MAGIC;
@@ -84,8 +91,9 @@ real exp2_fast(real x)
     return p * as_float8((as_int8(shifted) + 127) << 23);
 }
 
-// log2(x) for positive normal x; relative error 7e-10 before rounding: odd powers of (m - 1) / (m + 1), m in [sqrt
-// 1/2, sqrt 2) (minimax fit).
+// log2(x) for positive normal x, by a minimax fit in odd powers of (m - 1) / (m + 1) with m in [sqrt 1/2,
+// sqrt 2).
+// The relative error is 7e-10 before rounding.
 real log2_fast(real x)
 {
     int8 bits = as_int8(x);
@@ -112,7 +120,7 @@ typedef int mask;
 #define log2_fast(x) log2(x)
 #endif
 
-// a b + c if rounding does not matter; fused if the device has such an instruction.
+// a b + c where rounding does not matter; fused if the device has such an instruction.
 real MAD(real a, real b, real c)
 {
 #pragma OPENCL FP_CONTRACT ON
@@ -131,7 +139,7 @@ typedef struct {
 
 typedef struct {
     mask x0, y0, x1, y1;
-} Box; // in samples with both ends included, in tiles with the high ends excluded
+} Box; // sample boxes include both ends, tile boxes exclude the high ends
 
 vec2 sub2(vec2 a, vec2 b) { return (vec2){a.x - b.x, a.y - b.y}; }
 vec2 add2(vec2 a, vec2 b) { return (vec2){a.x + b.x, a.y + b.y}; }
@@ -175,7 +183,7 @@ vec3 rotate_to_camera(__constant View *view, vec3 v)
 
 // ---- members of rows of `width` floats
 
-// LANES rows from `first` on; the last of `count` rows is repeated.
+// Returns LANES rows from `first` on; the last of `count` rows is repeated.
 void consecutive(size_t first, size_t count, size_t *rows)
 {
     for (uint k = 0; k < LANES; k++)
@@ -208,13 +216,13 @@ void load_eight(__global const float *p, const size_t *rows, uint width, real *o
     out[7] = r7;
 }
 
-// The first `count` members.
+// Returns the first `count` members.
 void load_members(__global const float *p, const size_t *rows, uint width, uint count, real *out)
 {
     uint rest = count % 8, whole = count - rest;
     for (uint k = 0; k < whole; k += 8)
         load_eight(p + k, rows, width, out + k);
-    if (whole && rest > 2) // read the last eight, overlapping
+    if (whole && rest > 2) // read the last eight, which overlap the previous eight
         load_eight(p + count - 8, rows, width, out + count - 8);
     else
         for (uint k = whole; k < count; k++)
@@ -246,16 +254,19 @@ vec3 load3(__global const float *p, const size_t *rows)
     return (vec3){load(p, rows, 3, 0), load(p, rows, 3, 1), load(p, rows, 3, 2)};
 }
 
-// The fma() of PoCL is a function call; with an FMA instruction, a b + c compiles to it.
+// The fma() of PoCL is a function call.
+// But a b + c compiles to an FMA instruction if the processor has this instruction.
 #ifdef __FMA__
 #define exact_fma MAD
 #else
 #define exact_fma fma
 #endif
 
-// ((ndc + 1) size - 1) / 2, which upstream evaluates in double and rounds once; pixel i has its centre at the
-// integer i. Here it is the unevaluated sum of two floats, product and sum with their rounding errors. It rounds
-// to the same float (tests/render/test_splatting.py), also on devices without double precision.
+// Computes ((ndc + 1) size - 1) / 2, which the official code evaluates in double and rounds once.
+// Pixel i has its centre at the integer i.
+// Here the result is the unevaluated sum of two floats: product and sum with their rounding errors.
+// This sum rounds to the same float, also on devices without double precision
+// (tests/render/test_splatting.py).
 real to_sample(real ndc, uint size)
 {
     real n = (real)(float)size, m = n - 1.0f;
@@ -266,7 +277,7 @@ real to_sample(real ndc, uint size)
     return (magnitude(sum) < 1e30f ? whole : sum) * 0.5f;
 }
 
-// Valid for 0 <= x < 2^22.
+// The result is valid for 0 <= x < 2^22.
 #if LANES == 8
 real floor_small(real x)
 {
@@ -279,7 +290,8 @@ mask integer_of(real whole) { return as_int8(whole + MAGIC) - 0x4b400000; }
 #define integer_of(x) ((int)(x))
 #endif
 
-// Converts like a GPU: towards zero, saturating, NaN gives 0; then at most `limit`.
+// Converts like a GPU: towards zero, saturating, NaN gives 0.
+// The result is at most `limit`.
 mask tile_number(real value, uint limit)
 {
     real clamped = value > 0.0f ? value : (real)0.0f;
@@ -287,7 +299,7 @@ mask tile_number(real value, uint limit)
     return integer_of(floor_small(clamped));
 }
 
-// The same after rounding up to an integer.
+// Rounds up to an integer, then converts as above.
 mask tile_after(real value, uint limit)
 {
     real clamped = value > 0.0f ? value : (real)0.0f;
@@ -296,12 +308,12 @@ mask tile_after(real value, uint limit)
     return integer_of(whole < clamped ? whole + 1.0f : whole);
 }
 
-// The samples of [low, high], clamped to the raster; NaN gives all samples.
+// Returns the samples of [low, high], clamped to the raster; NaN gives all samples.
 Box box_of(vec2 low, vec2 high, __constant View *view)
 {
     real w = (real)((float)view->width - 1.0f), h = (real)((float)view->height - 1.0f), zero = (real)0.0f;
     Box box;
-    // A sample beyond the raster means "none".
+    // A bound beyond the raster makes the box empty.
     real x0 = low.x > 0.0f ? (low.x < w ? low.x : w + 1.0f) : zero;
     real y0 = low.y > 0.0f ? (low.y < h ? low.y : h + 1.0f) : zero;
     box.x0 = integer_of(floor_small(x0 + 0.999f));
@@ -313,10 +325,10 @@ Box box_of(vec2 low, vec2 high, __constant View *view)
     return box;
 }
 
-// Aligned, because the record of a face is stored in groups of eight words.
+// The struct is aligned, because the record of a face is stored in groups of eight words.
 #define BY_EIGHTS __attribute__((aligned(32)))
 
-// ---- address space of a face during blending; it is not copied to private memory
+// ---- address space of a face during blending; the face is not copied to private memory
 
 #if LANES == 8
 #define FACE_POINTER __global const struct Face *

@@ -1,12 +1,12 @@
-// From projected primitives to tile lists in depth order, for every method and both styles.
+// From projected primitives to tile lists in depth order, for every method and both kernel styles.
 //
-// Depth order comes first: N primitives are sorted, not N times their tiles. Appending them to tile lists in that
-// order equals the official stable sort of (tile << 32 | depth) keys.
+// The primitives are sorted by depth before they are copied to tiles, because copying increases their number.
+// Appending sorted primitives to tile lists equals the official stable sort of (tile << 32 | depth) keys.
 
-typedef ushort4 Tiles; // x0, y0, x1, y1: low inclusive, high exclusive
+typedef ushort4 Tiles; // x0, y0, x1, y1: low ends inclusive, high ends exclusive
 
-// Work-item c of `project` has listed primitives at positions c * chunk, c * chunk + 1 ...; before[c] is the
-// number listed by preceding work-items.
+// Work-item c of `project` lists primitives at the positions from c * chunk on. before[c] is the number of
+// primitives listed by preceding work-items.
 __kernel void compact(__global const uint *before, __global const uint *keys, __global uint *keys_out,
                       __global uint *places_out, uint items, uint chunk)
 {

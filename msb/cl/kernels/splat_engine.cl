@@ -1,16 +1,19 @@
-// Sampling of triangles as in a game engine: the rasterisation of graphics hardware. msb/reference/engine.py has
-// the definition, explains why no polygon is clipped, and uses the same order of operations.
+// Sampling of triangles as in a game engine, by the rasterisation rules of graphics hardware.
+// msb/reference/engine.py defines this sampling, and explains why no polygon is clipped.
+// The order of operations is the same here.
 //
-// The file of a method includes this if ENGINE is 1, after its Face, whose first member is `float lines[LINES]`,
-// and calls project_engine. The sample functions listed in splat_stages.cl are here, except cover and shade.
+// If ENGINE is 1, a method's kernel file includes this file after its struct Face, and calls project_engine.
+// The first member of Face is `float lines[LINES]`.
+// This file has the sample functions listed in splat_stages.cl, except cover and shade.
 
-// `lines` holds linear functions of a sample: the three barycentric coordinates over depth, times `weight`, which
-// makes the smallest one 1 in the middle, then 1 / depth. Each has factors for x and y and a constant.
-// msb/render/splat/pipeline.py defines ENGINE_NEAR, the near depth in scene units; everything in front of it is
-// clipped.
-#define ENGINE_SLACK 0.1f // margin of a box in samples, for rounding
+// The array `lines` holds linear functions of a sample.
+// The functions are the three barycentric coordinates over depth, times `weight`, and then 1 / depth.
+// The factor `weight` makes the smallest coordinate 1 in the middle.
+// Each linear function has a factor for x, a factor for y, and a constant.
+// msb/render/splat/pipeline.py defines ENGINE_NEAR, the depth of the near plane in scene units.
+#define ENGINE_SLACK 0.1f // margin of a box in samples, for rounding errors
 
-// Step of the ray from sample to sample, and the sample on the optical axis.
+// Step of the ray from one sample to the next, and the sample on the optical axis.
 typedef struct {
     float step_x, step_y, middle_x, middle_y;
 } Raster;
@@ -22,7 +25,7 @@ Raster raster_of(__constant View *view)
                     (width - 1.0f) * 0.5f + view->shift[0], (height - 1.0f) * 0.5f + view->shift[1]};
 }
 
-// Sets the linear function n . ray of a sample, times `scale`.
+// Sets the linear function n . ray of a sample, multiplied by `scale`.
 void set_line(Raster r, vec3 n, real scale, real *line)
 {
     real p = n.x * r.step_x, q = n.y * r.step_y;
@@ -31,7 +34,7 @@ void set_line(Raster r, vec3 n, real scale, real *line)
     line[2] = ((n.z - p * r.middle_x) - q * r.middle_y) * scale;
 }
 
-// Extends the bounds, in samples, by a point of camera space at depth z, if it is `seen`.
+// If `seen` is set, extends the bounds, in samples, by a camera-space point at depth z.
 void hold_point(Raster r, real x, real y, real z, mask seen, vec2 *low, vec2 *high)
 {
     real u = x / z / r.step_x + r.middle_x, v = y / z / r.step_y + r.middle_y;
@@ -41,7 +44,7 @@ void hold_point(Raster r, real x, real y, real z, mask seen, vec2 *low, vec2 *hi
     high->y = (seen & (v > high->y)) ? v : high->y;
 }
 
-// The samples of the part of a triangle behind the near plane.
+// The samples of the part of a triangle beyond the near plane.
 Box engine_box(__constant View *view, const vec3 *p)
 {
     Raster r = raster_of(view);
@@ -58,9 +61,11 @@ Box engine_box(__constant View *view, const vec3 *p)
     return box_of(sub2(low, slack), add2(high, slack), view);
 }
 
-// Sets lines, normal, depth, reach and tiles of a face. The window is 1 at the incentre of the triangle, or at its
-// centroid. Methods with an incentre turn the normal towards the camera. Returns which triangles may be visible.
-// `back`: corners are clockwise on the screen.
+// Sets lines, normal, depth, reach and tiles of a face.
+// The window is 1 at the incentre of the triangle, or at its centroid.
+// Methods with an incentre turn the normal towards the camera.
+// Returns which of the triangles may be visible.
+// `back` marks triangles whose corners are clockwise on the screen.
 mask project_engine(__constant View *view, vec3 a, vec3 b, vec3 c, bool incentre, Faces *f, Box *official,
                     real *depth, real *weight, mask *back)
 {
@@ -86,7 +91,7 @@ mask project_engine(__constant View *view, vec3 a, vec3 b, vec3 c, bool incentre
     f->normal[2] = normal.z;
 
     real z = affine(view->world_to_camera + 8, center_of(a, b, c));
-    *depth = z > 0.0f ? z : (real)0.0f; // keys are the bits of non-negative numbers
+    *depth = z > 0.0f ? z : (real)0.0f; // sort keys are the bits of non-negative numbers
     Box box = engine_box(view, p);
     f->x0 = box.x0;
     f->y0 = box.y0;
@@ -99,7 +104,7 @@ mask project_engine(__constant View *view, vec3 a, vec3 b, vec3 c, bool incentre
 // ---- at the samples of a row
 
 typedef struct {
-    real line[4]; // the part that is constant along a column
+    real line[4]; // the part of a linear function that is constant along a column
 } Columns;
 
 typedef struct {
@@ -117,7 +122,7 @@ Columns columns_of(FACE_POINTER f, real x, __constant View *view)
     return c;
 }
 
-// Behind the camera all three coordinates are negative inside, so nothing needs clipping.
+// Behind the camera, all three coordinates are negative inside the triangle, so nothing needs clipping.
 mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sample *s)
 {
     real e0 = c->line[0] + f->lines[1] * y;
@@ -130,8 +135,8 @@ mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sa
 }
 
 #if LANES == 8
-// Returns which pairs of rows y, y + 1 (one pair per lane) contain samples in the eight columns from `left` on,
-// tested at the innermost corner of those samples, allowing for rounding.
+// Returns which row pairs y, y + 1 (one per lane) contain samples in the eight columns that begin at `left`.
+// The innermost corner of those samples is tested, allowing for rounding.
 mask reaches(FACE_POINTER f, float left, real y)
 {
     mask reached = (mask)-1;

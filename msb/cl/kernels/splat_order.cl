@@ -1,9 +1,10 @@
-// Order of the faces of a model, or of the vertices of a mesh, on the device: along a Z-order curve through space.
-// Faces of a triangle soup are sorted by size first, and along the curve within about the same size. Faces that a
-// view keeps are then close in memory and on the screen: fetched cache lines and pages are used completely, and
-// groups of faces are dropped together.
+// Sorts the faces of a model, or the vertices of a mesh, on the device: along a Z-order curve through space.
+// In a triangle soup, faces are first sorted by size.
+// Faces of about the same size are sorted along the curve.
+// Faces that are kept in a view are then close in memory and on the screen.
+// Fetched cache lines and pages are used completely, and groups of faces are dropped together.
 //
-// Source of the curve: G. M. Morton, A computer oriented geodetic data base (1966).
+// The curve is from G. M. Morton, A computer oriented geodetic data base (1966).
 
 // msb/render/splat/order.py defines AXIS_BITS.
 #define CELLS ((float)(1 << AXIS_BITS))
@@ -25,7 +26,8 @@ uint cell_of(float x, float low, float cells_per_unit)
     return cell > 0.0f ? (uint)(cell < CELLS - 1.0f ? cell : CELLS - 1.0f) : 0; // NaN: 0
 }
 
-// bounds: from bound_faces (splat_bounds.cl); the last row is read only if `by_size`. low: the lowest coordinates.
+// `bounds` comes from bound_faces (splat_bounds.cl); its last row is read only if `by_size` is set. low: the
+// lowest coordinates.
 __kernel void order_keys(__global const float *bounds, __global ulong *keys, uint stride, uint count,
                          float low_x, float low_y, float low_z, float cells_per_unit, uint by_size)
 {
@@ -36,6 +38,6 @@ __kernel void order_keys(__global const float *bounds, __global ulong *keys, uin
     ulong y = spread(cell_of(bounds[i + stride], low_y, cells_per_unit));
     ulong z = spread(cell_of(bounds[i + 2 * (size_t)stride], low_z, cells_per_unit));
     keys[i] = x | y << 1 | z << 2;
-    if (by_size) // the exponent of the inradius
+    if (by_size) // the binary exponent of the inradius
         keys[i] |= (ulong)((((__global const uint *)bounds)[i + 3 * (size_t)stride] & 0xffff) >> 7) << 3 * AXIS_BITS;
 }

@@ -1,7 +1,9 @@
-// Projection, CPU style: one work-item takes `chunk` consecutive faces in groups, and skips groups with a sphere
-// out of view. Faces that may be kept are queued and projected eight at a time; most views keep few. Listed faces
-// are written consecutively from the first position of the chunk, and are coloured there, again eight at a time.
-// Tile lists refer to a face by this position, not by its row or number.
+// Projection in CPU style.
+// One work-item takes `chunk` consecutive faces in groups, and skips groups whose sphere is out of view.
+// Faces that may be kept are queued and projected eight at a time; most views keep few faces.
+// Listed faces are written consecutively from the first position of the chunk.
+// There, they are coloured in groups of eight.
+// Tile lists refer to a face by this position, not by its row or its number.
 
 #define QUEUE 64 // a power of two
 #define AHEAD 40 // faces to prefetch
@@ -30,7 +32,7 @@ size_t project_eight(const size_t *rows, size_t count, const Source *source, __c
         return place;
     for (uint k = 0; k < LANES; k++)
         ((int *)&projected.faces.number)[k] = (int)rows[k];
-    // Transpose words w to w + 7 of eight faces to eight words per face.
+    // Transpose words w to w + 7 of eight faces, so that each face has its eight words together.
     for (uint w = 0; w < FACE_WORDS; w += LANES)
         TRANSPOSE(words[w], words[w + 1], words[w + 2], words[w + 3], words[w + 4], words[w + 5],
                   words[w + 6], words[w + 7]);
@@ -46,7 +48,7 @@ size_t project_eight(const size_t *rows, size_t count, const Source *source, __c
     return place;
 }
 
-// Colours the first `count` of eight faces, and replaces their rows by their numbers.
+// Colours the first `count` of eight faces, and replaces row indices by face numbers.
 void color_eight(__global Face *faces, size_t count, __global const uint *numbers, const Source *source,
                  __constant View *view)
 {
@@ -68,7 +70,7 @@ void color_eight(__global Face *faces, size_t count, __global const uint *number
     }
 }
 
-// listed: number of listed faces of each work-item.
+// `listed` is the number of listed faces of each work-item.
 __kernel void project(__constant View *view, __global const float *groups, __global const float *bounds,
                       __global const uint *numbers, __global const float *positions,
                       __global const uint *indices, __global const float *coverage,

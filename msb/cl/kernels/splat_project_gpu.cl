@@ -1,6 +1,7 @@
-// Projection, GPU style: one work-item per face, stored at the position of its row.
+// Projection in GPU style.
+// Each face has one work-item; the projected face is stored at the position of its row.
 
-// listed: whether the face is listed, 1 or 0.
+// `listed` is 1 if the face is listed, else 0.
 __kernel void project(__constant View *view, __global const float *bounds, __global const uint *numbers,
                       __global const float *positions, __global const uint *indices,
                       __global const float *coverage, __global const float *f_dc,

@@ -1,12 +1,14 @@
-// From planes of raster samples to the pixels of a frame, for every method and style.
+// Turns planes of raster samples into the pixels of a frame, for every method and style.
 //
-// Planes: 0..2 colour, 3 transmittance, 4 sum of weight times depth, 5..7 sum of weight times normal, 8 median
-// depth, 9 median face. A pixel has `scale` x `scale` samples, and samples first..last of each axis count: all of
-// them for a box average, the middle one or two for bilinear interpolation at pixel centres.
+// The planes are 0..2 colour, 3 transmittance, 4 sum of weight times depth, 5..7 sum of weight times normal,
+// 8 median depth, 9 median face.
+// A pixel has `scale` x `scale` samples, and uses the samples first..last along each axis.
+// A box average uses all samples.
+// Bilinear interpolation at pixel centres uses the middle one or two along each axis.
 #pragma OPENCL FP_CONTRACT OFF
 
 typedef struct {
-    uint width, rows;  // pixels of this band
+    uint width, rows;  // pixels of this band of rows
     uint scale, first, last;
     uint stride;       // samples per row of a plane
     uint plane_rows;
@@ -26,7 +28,7 @@ float mean_of(__global const float *plane, Band b, uint x, uint y)
         return *plane;
     if (side == 2)
         return 0.25f * ((plane[0] + plane[1]) + (plane[b.stride] + plane[b.stride + 1]));
-    if (side == 4) { // the usual case, three times as fast as the loop
+    if (side == 4) { // the usual scale; this code is three times as fast as the loop below
         float4 sum = vload4(0, plane) + vload4(0, plane + b.stride);
         sum = sum + (vload4(0, plane + 2 * b.stride) + vload4(0, plane + 3 * b.stride));
         return 0.0625f * ((sum.x + sum.y) + (sum.z + sum.w));
@@ -55,7 +57,7 @@ __kernel void resolve(__global const float *planes, __global const uint *band, _
     depth[out] = covered > 0.0f ? mean_of(planes + 4 * plane, b, x, y) / covered : 0.0f;
 }
 
-// The face is taken from the middle sample.
+// The face number is taken from the middle sample.
 __kernel void resolve_extras(__global const float *planes, __global const uint *band, __global float *normal,
                              __global float *median, __global int *face)
 {
@@ -73,8 +75,10 @@ __kernel void resolve_extras(__global const float *planes, __global const uint *
     face[out] = faces[(size_t)(y * b.scale + middle) * b.stride + x * b.scale + middle];
 }
 
-// The transpose of `resolve`, from an image to the samples of the raster: plane 3 is the share of the sample in
-// its pixel, planes 0..2 are the colour of the pixel times that share; all are 0 outside the image.
+// The transpose of `resolve`, from an image to the samples of the raster.
+// Plane 3 is the share of the sample in its pixel.
+// Planes 0..2 are the colour of the pixel times that share.
+// All planes are 0 outside the image.
 __kernel void spread(__global const float *picture, __global const uint *band, __global float *planes)
 {
     Band b = band_of(band);

@@ -1,4 +1,4 @@
-// Code shared by methods with independent triangles: three corners and one colour per face.
+// Code shared by methods with independent triangles, which have three corners and one colour per face.
 
 #include "splat_color.cl"
 
@@ -14,7 +14,7 @@ void corners_of(const size_t *rows, __global const float *positions, __global co
         corners[k] = (vec3){values[3 * k], values[3 * k + 1], values[3 * k + 2]};
 }
 
-// Colours are evaluated at the centroid, which is stored in their place until color_faces.
+// Colours are evaluated at the centroid; the color array holds the centroid until color_faces runs.
 void color_later(const vec3 *p, real *color)
 {
     vec3 center = center_of(p[0], p[1], p[2]);

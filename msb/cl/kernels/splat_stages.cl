@@ -19,16 +19,17 @@
 //   CORNERS_MAY_BE_BEHIND               1: a face with a corner behind the camera may be kept
 //   SMALL_IS_DROPPED                    1: a face with an inradius below one sample is never kept
 //
-// The host defines COVERAGE, the width of a row of `coverage`: activated opacity first, then values that follow from
-// opacity and falloff in any view (msb/render/splat/model.py).
+// The host defines COVERAGE, the width of a row of `coverage`.
+// A row begins with the activated opacity.
+// The other values follow from opacity and falloff in any view (msb/render/splat/model.py).
 
-// Tiles that list a primitive: low inclusive, high exclusive.
+// The tiles that list a primitive; low ends are inclusive, high ends exclusive.
 typedef ushort4 Tiles;
 
 typedef char face_has_the_size_the_host_allocates[sizeof(Face) == 4 * FACE_WORDS ? 1 : -1];
 
-// A union, because a compiler may miss numbers that are read through pointers to words. A GPU moves words as
-// integers, which are exact even if it flushes subnormal floats.
+// This is a union, because a compiler may miss numbers that are read through pointers to words.
+// A GPU moves words as integers, because integers are exact even if the GPU flushes subnormal floats.
 #if LANES == 8
 typedef real word;
 #else
@@ -66,14 +67,14 @@ __kernel void shade_vertices(__constant View *view, __global const float *positi
 }
 #endif
 
-// Returns which faces are listed, and their tiles if any is listed; `kept` marks the faces that official culling
-// keeps.
+// Returns which faces are listed, and their tiles if at least one face is listed.
+// `kept` marks faces that official culling keeps.
 mask project_seen(const size_t *rows, const Source *source, __constant View *view, Faces *f, Box *t,
                   real *depth, mask *kept)
 {
     Box official;
     *kept = project_faces(rows, source, view, f, &official, depth);
-    if (!ANY(*kept)) // then tiles and reach may be undefined
+    if (!ANY(*kept)) // without a kept face, tiles and reach may be undefined
         return (mask)0;
     mask seen = *kept;
     *t = official;
@@ -90,9 +91,11 @@ mask project_seen(const size_t *rows, const Source *source, __constant View *vie
     return seen & (t->x1 > t->x0) & (t->y1 > t->y0);
 }
 
-// With SHARES, blending writes no pixels but sums the contribution of each entry of the tile lists. It reads the
-// planes that `spread` makes of an image (splat_resolve.cl). For entry e, sums[4 e .. 4 e + 3] are red, green and
-// blue of that image weighted by alpha T, and the weight. The host clears the sums.
+// With SHARES, blending writes no pixels, but sums the contribution of each entry of the tile lists.
+// Blending reads the planes that `spread` makes from an image (splat_resolve.cl).
+// List entry e has four sums from sums[4 e] on.
+// The sums are the image's red, green and blue weighted by alpha T, and the weight.
+// The host sets the sums to zero before.
 #if SHARES
 #define BLEND share
 #define SUMS , __global float *sums

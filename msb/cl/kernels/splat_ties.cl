@@ -1,11 +1,13 @@
-// Faces of equal depth must be blended in order of their numbers. They are stored in another order (splat_order.cl),
-// which the sort by depth keeps. Equal depths are rare, so their order is corrected after the sort.
+// Faces of equal depth must be blended in order of their numbers.
+// Stored faces have another order (splat_order.cl), and the sort by depth preserves that order.
+// Equal depths are rare, so the order of such faces is corrected after the sort.
 
 #define LONGEST_RUN 32
 // msb/render/splat/pipeline.py defines MOST_SETTLED, a multiple of LANES.
 
-// keys: sorted; places: positions of the faces. Sorts places by number in the run of equal keys that begins at
-// `first`, if one does, or sets `unsettled` if the run is too long.
+// `keys` has the sorted depths, and `places` has the positions of the faces.
+// If a run of equal keys begins at `first`, sorts the places of this run by face number.
+// Sets `unsettled` if the run is too long.
 void settle_run(__global const uint *keys, __global uint *places, __global const Face *faces,
                 __global uint *unsettled, size_t first, size_t count)
 {
@@ -25,8 +27,8 @@ void settle_run(__global const uint *keys, __global uint *places, __global const
 }
 
 #if LANES == 8
-// A work-item takes the runs that begin in its chunk of at most MOST_SETTLED faces. Faces are scattered in memory,
-// so they are prefetched before the first is needed.
+// A work-item takes the runs that begin in its chunk of at most MOST_SETTLED faces.
+// Faces are scattered in memory, so they are prefetched before the first face is needed.
 __kernel void settle_ties(__global const uint *keys, __global uint *places, __global const Face *faces,
                           __global uint *unsettled, uint count, uint chunk)
 {
@@ -75,7 +77,7 @@ __kernel void depths_of(__global const uint *places, __global const uint *keys, 
         depths[i] = keys[places[i]];
 }
 
-// visible: by row; result: by number.
+// `visible` is ordered by row, and `result` is ordered by face number.
 __kernel void visible_by_number(__global const uchar *visible, __global const uint *numbers,
                                 __global uchar *result, uint count)
 {

@@ -1,6 +1,6 @@
-// A test kernel that every device must build and run before use: eight lanes, integers, and a builtin that some
-// platforms implement as a call. A library built for another processor than the kernels then expects vectors in
-// other registers.
+// A test kernel that every device must build and run before use.
+// The kernel uses eight lanes, integers, and a builtin that some platforms implement as a call.
+// A function library may expect vectors in other registers if it was built for another processor.
 
 __kernel void trial(__global const float8 *given, __global float8 *halves, __global int8 *rounded, uint count)
 {

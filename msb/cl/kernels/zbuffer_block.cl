@@ -1,22 +1,23 @@
-// The opaque z-buffer on a CPU, within a tile: eight triangles at once into depths and slots.
+// The opaque z-buffer on a CPU within a tile.
+// Eight triangles at once are drawn into depths and slots (triangle numbers).
 
-#define TINY (7 * UNIT)     // maximum extent for edge functions in int32
-#define MEDIUM SMALL_EXTENT // maximum extent for edge functions divided by UNIT in int32
-#define COARSE_X 5         // the farthest depth is stored for blocks of 32 x 16 pixels,
+#define TINY (7 * UNIT)     // maximum extent of a triangle for edge functions in int32
+#define MEDIUM SMALL_EXTENT // maximum extent of a triangle for edge functions divided by UNIT in int32
+#define COARSE_X 5         // log2 of the sides of the 32 x 16 pixel blocks that store their farthest depth
 #define COARSE_Y 4
-#define COARSE_ROW 8  // at most 8 x 8 of them, in a tile of 256 x 128
+#define COARSE_ROW 8  // at most 8 x 8 blocks in a tile of 256 x 128
 #define WORK_BITS 5   // log2 of the pixels of a large triangle that cost as much as a small triangle
-#define MASKED (-1.0f) // a depth behind everything
+#define MASKED (-1.0f) // a depth behind every surface
 
 typedef struct {
-    __global float *depth; // 1 / z: larger is nearer, 0 is nothing
-    __global int *slot;    // slot of the nearest triangle
-    __global float *far;   // the farthest depth of each block of pixels
-    int occludes;          // whether any of these is not 0
-    // approximate number of small triangles drawn since the last `measure`, and the limit for the next
+    __global float *depth; // 1 / z: a larger value is nearer, 0 means no surface
+    __global int *slot;    // slot (number) of the nearest triangle
+    __global float *far;   // the farthest depth in each block of pixels
+    int occludes;          // whether any farthest depth is not 0
+    // approximate number of small triangles drawn since the last `measure`, and the limit for the next one
     int work, limit;
     int stride;
-    int x0, y0, x1, y1;    // pixels of the image, ends excluded
+    int x0, y0, x1, y1;    // range of pixels of the image, ends excluded
     __global const float *triangles;
 #if COLORS == TEXTURES
     Textures textures;
@@ -25,7 +26,7 @@ typedef struct {
 
 int face_of(const Tile *t, int slot) { return INTEGERS(t->triangles)[(size_t)slot * WORDS + FACE_WORD]; }
 
-// Whether everything at this depth or farther is hidden in a box of pixels of the image, ends included.
+// Returns whether every surface at this depth or farther is hidden in a box of image pixels, ends included.
 int hidden(const Tile *t, int x0, int y0, int x1, int y1, float depth)
 {
     x0 = (x0 - t->x0) >> COARSE_X;
@@ -34,7 +35,7 @@ int hidden(const Tile *t, int x0, int y0, int x1, int y1, float depth)
     y1 = (y1 - t->y0) >> COARSE_Y;
     for (int y = y0; y <= y1; y++)
         for (int x = x0; x <= x1; x++)
-            if (t->far[y * COARSE_ROW + x] <= depth) // equal depths are a tie that the lower face wins
+            if (t->far[y * COARSE_ROW + x] <= depth) // at equal depths the lower face wins
                 return 0;
     return 1;
 }
@@ -65,7 +66,7 @@ void measure(Tile *t)
         }
     t->occludes = some;
     t->work = 0;
-    if (!some) // every block has a hole: measure less often
+    if (!some) // every block has an empty pixel, so measure less often
         t->limit *= 2;
 }
 
@@ -79,14 +80,15 @@ int8 keep(const Tile *t, int at, float8 depth, int slot)
     return depth == old;
 }
 
-// At equal depths the lowest face wins.
+// Where depths are equal, the lowest face wins.
 void settle(const Tile *t, int at, float depth, int slot)
 {
     if (depth == t->depth[at] && face_of(t, slot) < face_of(t, t->slot[at]))
         t->slot[at] = slot;
 }
 
-// With an alpha cutoff, mask pixels whose texture alpha is below it, unless they are behind `old` anyway.
+// With an alpha cutoff, reject pixels with a texture alpha below the cutoff.
+// Pixels behind `old` need no test.
 #if COLORS == TEXTURES && CUTOFF
 float8 cut(const Tile *t, int8 slot, int8 x, int8 y, float8 depth, float8 old, __constant float *view)
 {
@@ -102,7 +104,7 @@ float8 cut(const Tile *t, int8 slot, int8 x, int8 y, float8 depth, float8 old, _
 #define CUT(depth, slot, x, y, old)
 #endif
 
-// Draw a triangle of any size, or one that must be clipped: spans of pixels, row by row.
+// Draw a triangle of any size, including one that must be clipped, in spans of pixels, row by row.
 void draw_outline(Tile *t, int slot, __constant float *view)
 {
     const int8 lane = (int8)(0, 1, 2, 3, 4, 5, 6, 7);
@@ -113,7 +115,8 @@ void draw_outline(Tile *t, int slot, __constant float *view)
             continue;
         if (t->occludes && hidden(t, s.x0, s.y0, s.x1, s.y1, o.high))
             continue;
-        // Edges with the whole box inside need no division; an edge with the whole box outside ends the triangle.
+        // If the whole box is inside an edge, no division is needed.
+        // If the whole box is outside an edge, the triangle covers no pixel.
         int cuts[3], outside = 0;
         for (int i = 0; i < 3; i++) {
             long down = s.dx[i] * (s.y1 - s.y0), right = -s.dy[i] * (s.x1 - s.x0);
@@ -127,7 +130,7 @@ void draw_outline(Tile *t, int slot, __constant float *view)
         t->work += (s.x1 - s.x0 + 1) * (s.y1 - s.y0 + 1) >> WORK_BITS;
         for (int y = s.y0; y <= s.y1; y++, at += t->stride) {
             long first = 0, last = s.x1 - s.x0;
-            for (int i = 0; i < 3; i++) { // e - x dy >= 0
+            for (int i = 0; i < 3; i++) { // condition: e - x dy >= 0
                 if (!cuts[i])
                     continue;
                 if (s.dy[i] > 0)
@@ -156,21 +159,22 @@ void draw_outline(Tile *t, int slot, __constant float *view)
 
 // ---- eight triangles
 
-// Edge functions of eight triangles in 64 bits, divided by UNIT; they fit into 32 bits up to the extent MEDIUM.
+// Edge functions of eight triangles in 64 bits, divided by UNIT.
+// The values fit into 32 bits up to the extent MEDIUM.
 #define WIDE(a, b) (TO_LONG4(a) * TO_LONG4(b))
 int8 edge8(int8 dx, int8 dy, int8 to_x, int8 to_y)
 {
     int8 owns = (dy < 0) | ((dy == 0) & (dx > 0));
     long4 low = WIDE(dx.lo, to_y.lo) - WIDE(dy.lo, to_x.lo) + TO_LONG4(~owns.lo);
     long4 high = WIDE(dx.hi, to_y.hi) - WIDE(dy.hi, to_x.hi) + TO_LONG4(~owns.hi);
-    // A logical shift, available in AVX2, suffices: only the low half is kept.
+    // Only the low half is kept, so the logical shift of AVX2 suffices.
     return (int8)(TO_INT4(as_ulong4(low) >> SUBPIXEL_BITS), TO_INT4(as_ulong4(high) >> SUBPIXEL_BITS));
 }
 
-// The same in 32 bits, not divided, for extents below TINY.
+// Edge functions in 32 bits, not divided by UNIT, for extents below TINY.
 int8 edge8_tiny(int8 dx, int8 dy, int8 to_x, int8 to_y)
 {
-    int8 owns = ((dy << 16) - dx) >> 31; // dy < 0, or dy == 0 and dx > 0
+    int8 owns = ((dy << 16) - dx) >> 31; // top or left edge: dy < 0, or dy == 0 and dx > 0
     return dx * to_y - dy * to_x + ~owns;
 }
 
@@ -194,15 +198,16 @@ void draw_block(Tile *t, int block, __constant float *view)
     int8 u_low = min8i(min8i(U0, U1), U2), u_high = max8i(max8i(U0, U1), U2);
     int8 v_low = min8i(min8i(V0, V1), V2), v_high = max8i(max8i(V0, V1), V2);
 
-    // Pixels with their centre in the box of the triangle; most small triangles have none in this tile.
+    // Select pixels with their centre in the box of the triangle.
+    // Most small triangles have no such pixel in this tile.
     int8 x0 = max8i((u_low + (HALF - 1)) >> SUBPIXEL_BITS, (int8)t->x0);
     int8 y0 = max8i((v_low + (HALF - 1)) >> SUBPIXEL_BITS, (int8)t->y0);
     int8 w = min8i((u_high - HALF) >> SUBPIXEL_BITS, (int8)(t->x1 - 1)) - x0;
     int8 h = min8i((v_high - HALF) >> SUBPIXEL_BITS, (int8)(t->y1 - 1)) - y0;
     int8 ahead = max8(max8(Z0, Z1), Z2) >= NEAR;
-    // A conversion out of range gives the lowest or highest integer, which is outside the guard band.
+    // A conversion that overflows gives the lowest or highest integer, which lies outside the guard band.
     int8 whole = (min8(min8(Z0, Z1), Z2) >= NEAR) & (min8i(u_low, v_low) > -GUARD) & (max8i(u_high, v_high) < GUARD);
-    int8 odd = ahead & ~whole; // these must be clipped
+    int8 odd = ahead & ~whole; // these triangles must be clipped
     int8 seen = (whole & ((w | h) >= 0)) | odd;
     if (!any8(seen))
         return;
@@ -211,11 +216,11 @@ void draw_block(Tile *t, int block, __constant float *view)
     int8 medium = seen & ~odd & ~tiny & (extent < MEDIUM);
     int8 large = seen & ~tiny & ~medium;
 
-    // Edges, oriented so that the inside is positive. In 32 bits the sign of the area is correct only for tiny
-    // triangles.
+    // Edge functions are oriented so that the inside is positive.
+    // In 32 bits the sign of the area is correct only for tiny triangles.
     int8 dx0 = U1 - U0, dy0 = V1 - V0, dx2 = U0 - U2, dy2 = V0 - V2;
     int8 to_x = (x0 << SUBPIXEL_BITS) + HALF, to_y = (y0 << SUBPIXEL_BITS) + HALF;
-    int8 covered = (int8)0; // bit 4 y + x: pixel (x, y) of the box
+    int8 covered = (int8)0; // bit 4 y + x stands for pixel (x, y) of the box
     if (any8(tiny)) {
         int8 area = dx2 * dy0 - dx0 * dy2, s = area >> 31;
         tiny &= area != 0;
@@ -242,7 +247,7 @@ void draw_block(Tile *t, int block, __constant float *view)
     f0 = e0 += ax0;                                                                                             \
     f1 = e1 += ax1;                                                                                             \
     f2 = e2 += ax2;
-        if (!(sizes & 0x22)) { // 2 x 2 at most
+        if (!(sizes & 0x22)) { // the box has at most 2 x 2 pixels
             outside = OUTSIDE(1);
             RIGHT outside |= OUTSIDE(2);
             DOWN outside |= OUTSIDE(16);
@@ -287,8 +292,8 @@ void draw_block(Tile *t, int block, __constant float *view)
         depth = mask ? depth : (float8)MASKED;
         int8 at = (base + y * t->stride + x) & mask;
         CUT(depth, slot + (int8)(0, 1, 2, 3, 4, 5, 6, 7), x0 + x, y0 + y, GATHER(float8, t->depth, at))
-        // No branches, because it is unpredictable which triangle is nearest. The bits of depths are compared as
-        // integers, which gives the same order, because depths are non-negative.
+        // This code has no branches, because it is unpredictable which triangle is nearer.
+        // Depths are non-negative, so comparing their bits as integers gives the same order.
 #define KEEP(l)                                                                                                 \
     {                                                                                                           \
         int p = at.s##l, z = as_int(depth.s##l), old = ((__global int *)t->depth)[p], old_slot = t->slot[p];    \
@@ -344,7 +349,7 @@ void draw_block(Tile *t, int block, __constant float *view)
                     f1 += down1;
                     f2 += down2;
                 }
-                if (any8(ties)) // rare: process the column again
+                if (any8(ties)) // rare case: process the column again
                     for (int y = 0; y <= rows; y++) {
                         at -= t->stride;
                         f0 -= down0;

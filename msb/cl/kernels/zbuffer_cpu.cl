@@ -1,10 +1,14 @@
-// The opaque z-buffer on a CPU: one work-item per processor takes tile after tile of the image; eight triangles or
-// eight pixels at once; the only atomic is the tile counter. docs/standard.md has the rules. Corners that faces
-// share are transformed again for each face: fetching nine transformed numbers per face from scattered addresses
-// takes longer. On one core of an EPYC (Zen 4) a triangle without samples costs 11 ns, a triangle of half a pixel
-// 17 ns, an empty pixel 2 ns, and a covered pixel 7 ns, including colouring and reading back.
+// The opaque z-buffer on a CPU.
+// One work-item per processor draws one tile after another.
+// The work-item draws eight triangles or eight pixels at once.
+// The only atomic is the tile counter.
+// docs/standard.md has the rules.
+// Corners that faces share are transformed again for each face.
+// Fetching nine transformed numbers from scattered addresses would take longer.
+// Times on one core of an EPYC (Zen 4), including colouring and reading back: a triangle without samples
+// costs 11 ns, a triangle of half a pixel 17 ns, an empty pixel 2 ns, and a covered pixel 7 ns.
 //
-// The host defines these sizes (msb/render/standard/renderer.py):
+// The host code defines these sizes (msb/render/standard/renderer.py):
 //   CLUSTER   blocks of eight triangles that are culled together
 //   GROUP     clusters per group
 //   LIST      clusters that are sorted by depth together
@@ -21,14 +25,17 @@
 #endif
 #include "zbuffer_block.cl"
 
-#define BUCKETS 16      // number of depth levels of clusters: more levels would only scatter the reads
-#define LOOK_AFTER 1024 // small triangles before the first occlusion measurement
+#define BUCKETS 16      // number of depth levels for sorting clusters; more would only scatter the reads
+#define LOOK_AFTER 1024 // number of small triangles before the first occlusion measurement
 
-// ---- bounds of clusters
+// ---- bounds of clusters of triangles
 
-// One work-item per group of clusters: the pixels that each cluster and the group can reach, and 1 / z of its
-// nearest point. `boxes` has centre and half extent, six rows of `stride`; `rects` has x0, y0, x1, y1, ends
-// included, as four rows; an empty rectangle reaches nothing.
+// Each work-item handles a group of clusters.
+// The kernel computes the pixels that the group and each cluster can reach, and 1 / z of their nearest
+// points.
+// `boxes` has centre and half extent, in six rows of `stride` values.
+// `rects` has x0, y0, x1, y1, ends included, in four rows.
+// An empty rectangle reaches no pixel.
 __kernel void clusters(__global const float *boxes, __constant float *view, __global int *rects,
     __global float *nearest, __global int *group_rects, __global int *next_tile, int count, int stride, int width,
     int height)
@@ -44,7 +51,7 @@ __kernel void clusters(__global const float *boxes, __constant float *view, __gl
         float8 cx = LOAD(b, 0) - view[CENTER], cy = LOAD(b + stride, 0) - view[CENTER + 1];
         float8 cz = LOAD(b + 2 * stride, 0) - view[CENTER + 2];
         float8 ex = LOAD(b + 3 * stride, 0), ey = LOAD(b + 4 * stride, 0), ez = LOAD(b + 5 * stride, 0);
-        // Slack for rounding of the corners.
+        // Add slack for rounding errors of the corners.
         float8 slack = 1e-6f * (magnitude(cx) + magnitude(cy) + magnitude(cz) + ex + ey + ez);
         float8 p[3], e[3];
         for (int row = 0; row < 3; row++) {
@@ -53,7 +60,7 @@ __kernel void clusters(__global const float *boxes, __constant float *view, __gl
             e[row] = ex * (a < 0 ? -a : a) + ey * (c < 0 ? -c : c) + ez * (d < 0 ? -d : d);
             e[row] += slack * (row < 2 ? view[SCALE + row] : 1.0f);
         }
-        // x / z of a box has its extremes at the nearest or the farthest z.
+        // x / z of a box has its extremes at the nearest or farthest z of the box.
         float8 far = p[2] + e[2], near = max8(p[2] - e[2], (float8)NEAR);
         float8 far_q = 1.0f / far, near_q = 1.0f / near;
         int8 edge[4];
@@ -96,14 +103,15 @@ __kernel void clusters(__global const float *boxes, __constant float *view, __gl
 typedef struct {
     __global float *image, *depth, *alpha;
     __global int *faces;
-    int all; // write all outputs, not only the image
+    int all; // write all output planes, not only the image
 } Output;
 
 #if COLORS == TEXTURES
-#define SIGHTS 32 // groups of eight pixels in a row of the largest tile
+#define SIGHTS 32 // groups of eight pixels in a row of the widest tile
 
-// Find the texture positions of a row of a tile, and prefetch their texels. The steps are long dependency chains;
-// each is done for the whole row, so that the processor overlaps several of them.
+// Find the texture positions of a row of pixels of a tile, and prefetch their texels.
+// The steps are long dependency chains.
+// Each step is done for the whole row, so that the processor overlaps several chains.
 void look_ahead(const Tile *t, __constant float *view, int y, Place *places, Sight *sights)
 {
     const float8 lane = (float8)(0, 1, 2, 3, 4, 5, 6, 7);
@@ -264,11 +272,12 @@ void shade(const Tile *t, __constant float *view, __global const float *colors, 
 
 // ---- the image
 
-// Draw the clusters of `list` that reach the tile, the nearest first. `list` has room for twice its length.
+// Draw the clusters of `list` that reach the tile, from near to far.
+// The array `list` has room for twice its length.
 void draw_list(Tile *t, __global int *list, int n, __global const int *rects, __global const float *nearest,
     int stride, int blocks, __constant float *view)
 {
-    // the bits of positive floats compare in the same order
+    // the bits of positive floats compare in the order of their values
     __global const int *bits = (__global const int *)nearest;
     int low = 0x7fffffff, high = 0, shift = 0, starts[BUCKETS + 1];
     for (int i = 0; i < n; i++) {
@@ -286,7 +295,7 @@ void draw_list(Tile *t, __global int *list, int n, __global const int *rects, __
     __global int *sorted = list + LIST;
     for (int i = 0; i < n; i++)
         sorted[starts[(high - bits[list[i]]) >> shift]++] = list[i];
-    // Draw one cluster behind the loop, so that triangles are prefetched before they are needed.
+    // Drawing lags one cluster behind the loop, so that triangles are prefetched in time.
     int waiting = -1;
     for (int i = 0; i <= n; i++) {
         int k = i < n ? sorted[i] : -1;
@@ -309,8 +318,9 @@ void draw_list(Tile *t, __global int *list, int n, __global const int *rects, __
     }
 }
 
-// One work-item per processor. For each, `scratch` holds the two planes of a tile, its coarse depths and two
-// lists, in `scratch_words` words.
+// The kernel has one work-item per processor.
+// For each work-item, `scratch` holds the two planes of a tile, its coarse depths and two lists.
+// The scratch memory of a work-item has `scratch_words` words.
 __kernel void tiles(__global const float *triangles, __global const float *colors, __constant float *view,
     __global const int *rects, __global const float *nearest, __global const int *group_rects, int count, int stride,
     int blocks, int width, int height, int tile_width, int tile_height, __global int *next_tile,

@@ -1,10 +1,14 @@
-// The opaque z-buffer on a GPU: one work-item per triangle with atomics per pixel, then one work-item per pixel.
-// Triangles that would keep a work-item busy for long are listed and drawn by whole work-groups. The arithmetic and
-// the image are the same as on a CPU (zbuffer_math.cl).
+// The opaque z-buffer on a GPU.
+// First, one work-item per triangle uses atomics on pixels.
+// After that, one work-item shades each pixel.
+// Triangles that would occupy a work-item for long are listed and drawn by whole work-groups.
+// The arithmetic and the image are the same as on a CPU (zbuffer_math.cl).
 //
-// A pixel has 64 bits: 1 / z above the complement of the slot, so that the larger value is nearer and, at equal
-// depths, has the lower slot; here slots are in face order. Without 64-bit atomics (KEYS 0) the triangles are drawn
-// twice: first depths, then slots with the depth of the pixel.
+// A pixel has 64 bits: 1 / z in the upper half, the complement of the slot in the lower half.
+// The larger value is nearer and, at equal depths, has the lower slot.
+// On a GPU, slots are in face order.
+// Without 64-bit atomics (KEYS 0) the triangles are drawn twice.
+// The first pass finds depths, and the second pass finds the slots of triangles at these depths.
 #define LANES 1
 #include "zbuffer_math.cl"
 #if COLORS == TEXTURES
@@ -21,11 +25,11 @@
 #pragma OPENCL EXTENSION cl_khr_int64_extended_atomics : enable
 #endif
 
-#define SMALL 64     // maximum box, in pixels, for one work-item
-#define MEDIUM 16384 // maximum box, in pixels, for one work-group
+#define SMALL 64     // maximum box, in pixels, that one work-item draws
+#define MEDIUM 16384 // maximum box, in pixels, that one work-group draws
 
 typedef struct {
-    __global uint *pixels; // complement of the slot, depth: the halves of a little-endian 64-bit key
+    __global uint *pixels; // complement of the slot, then depth: the halves of a little-endian 64-bit key
     int width, height, pass;
 #if COLORS == TEXTURES
     Textures textures;
@@ -33,7 +37,7 @@ typedef struct {
 } Target;
 
 #if COLORS == TEXTURES && CUTOFF
-// Whether the texture alpha at a sample is not below the cutoff.
+// Returns whether the texture alpha at a sample reaches the cutoff.
 int is_there(const Target *t, int x, int y, uint slot, __constant float *view)
 {
     float light[4], px = (float)x + 0.5f - view[OPTICAL], py = (float)y + 0.5f - view[OPTICAL + 1];
@@ -51,7 +55,8 @@ void hit(const Target *t, int x, int y, float depth, uint slot, __constant float
 #if KEYS
     ulong key = (ulong)as_uint(depth) << 32 | ~slot;
     __global ulong *place = (__global ulong *)pixel;
-    // Keys only grow, so an earlier read suffices to reject: most hidden pixels end here.
+    // Keys only grow, so an earlier read suffices to reject a pixel.
+    // Most hidden pixels end here.
     if (key > *(volatile __global ulong *)place && IS_THERE(t, x, y, slot, view))
         atom_max(place, key);
 #else
@@ -97,8 +102,10 @@ __kernel void clear(__global uint2 *pixels, __global int *listed, uint count)
         pixels[i] = (uint2)0;
 }
 
-// One work-item per triangle. `list` gets the slots for `listed_triangles`: those for one work-group from its
-// start, those for several from its end; `listed` counts both.
+// The kernel has one work-item per triangle.
+// `list` gets the slots for `listed_triangles`.
+// Triangles for one work-group start at the front, and triangles for several work-groups start at the end.
+// `listed` counts both kinds.
 __kernel void triangles(__global const float *records, __constant float *view, __global uint *pixels,
     __global uint *list, __global int *listed, uint slots, int width, int height, int pass DRAWN_TEXTURES)
 {
@@ -124,8 +131,10 @@ __kernel void triangles(__global const float *records, __constant float *view, _
     }
 }
 
-// Work-groups of 8 x 8 pixels share the listed triangles. With `many` 0, each takes whole triangles. With `many`
-// 1, the groups along the second dimension share a triangle, each taking 8 rows in turn.
+// Work-groups of 8 x 8 pixels share the listed triangles.
+// If `many` is 0, each work-group takes whole triangles.
+// If `many` is 1, the groups along the second dimension share a triangle.
+// Each group takes 8 rows in turn.
 __kernel void listed_triangles(__global const float *records, __constant float *view, __global uint *pixels,
     __global const uint *list, __global const int *listed, uint slots, int width, int height, int pass,
     int many DRAWN_TEXTURES)

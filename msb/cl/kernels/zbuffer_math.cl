@@ -1,24 +1,28 @@
-// Code shared by the kernels of the opaque z-buffer, so that CPUs and GPUs draw the same image: the camera, records of
-// triangles, snapping, the depth of a plane, clipping, and interpolation of colours. docs/standard.md has the rules.
+// Code shared by the kernels of the opaque z-buffer, so that CPUs and GPUs draw the same image.
+// The code covers the camera, triangle records, snapping, the depth of a plane, clipping, and colour
+// interpolation.
+// docs/standard.md has the rules.
 //
-// No addition below has products on both sides, so every compiler that fuses multiplications and additions fuses the
-// same ones.
+// In the additions below, at most one operand is a product.
+// Therefore all compilers that fuse multiplications and additions fuse the same operations.
 
-// msb/render/standard/triangles.py defines SUBPIXEL_BITS, WORDS (floats per record) and the values of COLORS:
-// BYTES_OF_CORNERS and FLOATS_OF_FACE are stored in the record, FLOATS_OF_CORNERS, nine per face, in a separate
-// buffer, and TEXTURES in zbuffer_texture.cl, with CUTOFF if alpha decides visibility.
-#define UNIT (1 << SUBPIXEL_BITS) // unit of screen coordinates: 1/4096 pixel
+// msb/render/standard/triangles.py defines SUBPIXEL_BITS, WORDS (floats per record) and the values of COLORS.
+// Colours of the kinds BYTES_OF_CORNERS and FLOATS_OF_FACE are stored in the record.
+// FLOATS_OF_CORNERS has nine floats per face in a separate buffer.
+// TEXTURES is explained in zbuffer_texture.cl; it includes CUTOFF if alpha decides visibility.
+#define UNIT (1 << SUBPIXEL_BITS) // unit of screen coordinates, 1/4096 pixel
 #define HALF (UNIT / 2)
-#define SMALL_EXTENT (64 * UNIT) // up to this extent a CPU draws eight triangles at once,
-#define DEEP(low, high) ((high) > 1024.0f * (low)) // unless 1 / z varies this much: float32 has seven digits
+#define SMALL_EXTENT (64 * UNIT) // maximum extent of triangles that a CPU draws eight at once
+#define DEEP(low, high) ((high) > 1024.0f * (low)) // whether 1 / z varies too much for float32
 #define NEAR 0.01f
-#define GUARD (1 << 29)           // units; a triangle that extends further is clipped
-#define GUARD_PLANE 402653184.0f  // units; the clipping planes, inside GUARD with room for rounding
+#define GUARD (1 << 29)           // in units; a triangle that extends further is clipped
+#define GUARD_PLANE 402653184.0f  // in units; the clipping planes, inside GUARD with room for rounding
 
-// Very distant geometry is computed in double precision if the device supports it: float32 resolves a corner a
-// million units away only to 0.06, so nearby planes and edges would be arbitrary.
+// Very distant geometry is computed in double precision if the device supports it.
+// A million units away, float32 resolves a corner only to 0.06.
+// Nearby planes and edges would be arbitrary.
 #define FAR 1024.0f       // scene units from the camera, along any axis
-#define UNCERTAIN 1024.0f // maximum ratio of the terms of a determinant to its value for float32
+#define UNCERTAIN 1024.0f // maximum ratio between the terms of a determinant and its value, for float32
 #ifdef cl_khr_fp64
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 typedef double real;
@@ -35,25 +39,26 @@ typedef float real;
 #define UV_WORD 9
 #define FACE_WORD 12
 #define LONG_WORD 13
-// Words that are not floats are accessed as integers: as floats they may be subnormal or NaN, which a device need
-// not preserve.
+// Words that are not floats are accessed as integers.
+// Read as floats, such words could be subnormal or NaN, and a device may change their values.
 #define INTEGERS(record) ((__global int *)(record))
 #define NO_FACE (-1)
 
-// The camera, VIEW in msb/render/standard/view.py. Its rotation R has rows r0, r1, r2.
+// The camera has the layout of VIEW in msb/render/standard/view.py.
+// The rotation R of the camera has rows r0, r1, r2.
 #define ROTATION 0   // 9: fx UNIT r0, fy UNIT r1, r2
 #define CENTER 9     // centre of the camera, rounded
-#define SHIFT 12     // rounding error of the centre, rotated and scaled by the rows above, negated
-#define PRINCIPAL 15 // 2: cx UNIT + 1/2, cy UNIT + 1/2, so that truncation rounds
-#define SCALE 17     // 2: fx UNIT, fy UNIT
+#define SHIFT 12     // rounding error of the centre, rotated and scaled by the rows above, with negative sign
+#define PRINCIPAL 15 // 2 floats: cx UNIT + 1/2, cy UNIT + 1/2, so that truncation rounds
+#define SCALE 17     // 2 floats: fx UNIT, fy UNIT
 #define REST 19      // rounding error of the centre
-#define RAY 22       // 9: r0 / fx, r1 / fy, r2: direction = (u - cx) r0 / fx + (v - cy) r1 / fy + r2
+#define RAY 22       // 9 floats: r0 / fx, r1 / fy, r2; direction = (u - cx) r0 / fx + (v - cy) r1 / fy + r2
 #define OPTICAL 31   // 2: cx, cy
-#define ROTATION_LOW 33 // rounding error of ROTATION
-#define RAY_LOW 42      // 9: rounding error of RAY
+#define ROTATION_LOW 33 // rounding error of the member ROTATION
+#define RAY_LOW 42      // 9 floats: rounding error of RAY
 #define EXACT_RAY(view, i) ((real)view[RAY + (i)] + (real)view[RAY_LOW + (i)])
 
-#if LANES == 8 // fused by default if the processor can: vectors and scalars alike
+#if LANES == 8 // by default fused if the processor supports it, for vectors and scalars alike
 #pragma OPENCL FP_CONTRACT ON
 #define MAD(a, b, c) ((a) * (b) + (c))
 #elif defined(FP_FAST_FMAF) || defined(__FMA__)
@@ -75,8 +80,9 @@ typedef float real;
     REAL to##_last = az * bz;                                                                                   \
     REAL to = MAD(ax, bx, MAD(ay, by, to##_last));
 
-// World to camera: (fx UNIT x, fy UNIT y, z). The centre is subtracted first: these differences are nearly exact
-// near the camera, at any distance from the origin.
+// Transform from world to camera: (fx UNIT x, fy UNIT y, z).
+// The centre is subtracted first.
+// Near the camera these differences are nearly exact, at any distance from the origin.
 #define TO_CAMERA(view, a, b, c, X, Y, Z)                                                                       \
     {                                                                                                           \
         a -= view[CENTER];                                                                                      \
@@ -87,10 +93,12 @@ typedef float real;
         Z = MAD(a, view[6], MAD(b, view[7], MAD(c, view[8], view[SHIFT + 2])));                                 \
     }
 
-// 1 / z is affine on the screen: with n the normal of the plane and d = n . corner, 1 / z = (n . (u, v, 1)) / d
-// for u, v in units from the principal point. A and B are its slopes per unit. The edge vectors start at the
-// corner with the least depth: those of a corner a hundred times as far are nearly parallel, and rounding would
-// tilt their plane.
+// 1 / z is affine on the screen.
+// With the plane's normal n and d = n . corner, 1 / z is (n . (u, v, 1)) / d.
+// The coordinates u and v are in units from the principal point.
+// A and B are the slopes of 1 / z per unit.
+// The edge vectors start at the corner with the least depth.
+// Edge vectors from a corner far away are nearly parallel, and rounding would tilt their plane.
 #define NEARER(za, zb, a, b) (fabs(za) < fabs(zb) ? (a) : (b))
 #define DEPTH_PLANE(REAL, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, A, B, C)                                          \
     REAL A, B, C;                                                                                               \
@@ -115,7 +123,7 @@ void from_center(__global const float *corner, __constant float *view, real *p)
         p[axis] = (real)corner[axis] - (real)view[CENTER + axis] - (real)view[REST + axis];
 }
 
-// World to camera in double precision.
+// Transform from world to camera in double precision.
 void to_camera(__global const float *corner, __constant float *view, real *to)
 {
     real p[3];
@@ -129,8 +137,9 @@ void to_camera(__global const float *corner, __constant float *view, real *to)
     }
 }
 
-// Return the corner nearest to the camera, because the edge vectors of another corner may be nearly parallel, with
-// the vectors to the next and the last corner. As differences of floats they are exact in double.
+// Return the corner nearest to the camera, with the edge vectors to the next and the last corner.
+// The edge vectors of another corner may be nearly parallel.
+// Differences of floats are exact in double precision.
 int from_nearest(__global const float *record, __constant float *view, real *origin, real *next, real *last)
 {
     int nearest = 0;
@@ -155,13 +164,14 @@ int from_nearest(__global const float *record, __constant float *view, real *ori
     return nearest;
 }
 
-// A triangle that is not drawn in lanes, because it is large or must be clipped. Everything is scalar.
+// A triangle that is not drawn in lanes, because it is large or must be clipped.
+// Everything is scalar.
 typedef struct {
-    int n, u[8], v[8];         // outline on the screen in units; n < 3: nothing remains
+    int n, u[8], v[8];         // outline on the screen in units; empty if n < 3
     float a, b, reference;     // 1 / z = a (u - u_reference) + (b (v - v_reference) + reference) ...
     int u_reference, v_reference;
-    float low, high;           // ... clamped to the range of the corners
-    int wide;                  // whether 1 / z is plane . (u, v, 1) from the principal point instead
+    float low, high;           // ... clamped to the range of 1 / z at the corners
+    int wide;                  // whether 1 / z is plane . (u, v, 1) relative to the principal point instead
     real plane[3];
 } Outline;
 
@@ -183,15 +193,18 @@ real wide_distance(int plane, const real *p, __constant float *view)
     return MAD(side, along, band * p[2]);
 }
 
-// Whether a point is so far that it needs double precision.
+// Returns whether a point is so far away that it needs double precision.
 int is_far(float x, float y, float z, __constant float *view)
 {
     return LENGTH(z) > FAR || LENGTH(x) > FAR * view[SCALE] || LENGTH(y) > FAR * view[SCALE + 1];
 }
 
-// Clip to the near plane and to the guard band (Sutherland and Hodgman 1974). An intersection is computed from the
-// inner end to the outer one, so both faces of an edge get the same point, without cracks. If an end is far, this
-// is done in double precision, which depends only on the ends. `wide` holds the corners in double.
+// Clip to the near plane and to the guard band (Sutherland and Hodgman 1974).
+// An intersection is computed from the inner end of the edge to the outer end.
+// Both faces of an edge get the same point, so there are no cracks.
+// If one end is far away, the intersection is computed in double precision.
+// The choice of precision depends only on the two ends.
+// `wide` holds the corners in double precision.
 int clip(float *x, float *y, float *z, real (*wide)[3], __constant float *view)
 {
     int n = 3;
@@ -205,7 +218,7 @@ int clip(float *x, float *y, float *z, real (*wide)[3], __constant float *view)
             real exact_d = wide_distance(plane, wide[i], view), exact_e = wide_distance(plane, wide[j], view);
             float d = far ? (float)exact_d : plane_distance(plane, x[i], y[i], z[i], view);
             float e = far_next ? (float)exact_e : plane_distance(plane, x[j], y[j], z[j], view);
-            // Each plane adds at most one corner; rounding must not add more.
+            // Each clipping plane adds at most one corner; rounding must not add more.
             if (d >= 0.0f && kept < 8) {
                 px[kept] = x[i];
                 py[kept] = y[i];
@@ -251,8 +264,9 @@ int clip(float *x, float *y, float *z, real (*wide)[3], __constant float *view)
     return n;
 }
 
-// Whether float32 is too inaccurate for the plane of a triangle with a corner `far` away; `plane` then gets it in
-// double. Computed in world axes, in which differences of corners are exact.
+// Returns whether float32 is too inaccurate for the plane of a triangle with a corner `far` away.
+// If so, `plane` gets the plane in double precision.
+// The plane is computed in world axes, in which differences of corners are exact.
 int is_wide(__global const float *record, float far, __constant float *view, real *plane)
 {
     real o[3], a[3], b[3], size = 0.0f;
@@ -269,7 +283,7 @@ int is_wide(__global const float *record, float far, __constant float *view, rea
     return !((real)far * (real)far * size <= UNCERTAIN * LENGTH(determinant));
 }
 
-// 1 / z of a wide outline.
+// Returns 1 / z of an outline in double precision.
 float wide_depth(const Outline *o, int x, int y, __constant float *view)
 {
     real u = (real)((x << SUBPIXEL_BITS) + HALF) - ((real)view[PRINCIPAL] - 0.5f);
@@ -311,7 +325,7 @@ Outline make_outline(__global const float *record, __constant float *view)
         v_low = MIN(v_low, o.v[i]);
         v_high = MAX(v_high, o.v[i]);
     }
-    // The same decision as in zbuffer_block.cl, which uses float32 throughout.
+    // This test makes the same decision as zbuffer_block.cl, which uses float32 only.
     int small = !clipped && u_high - u_low < SMALL_EXTENT && v_high - v_low < SMALL_EXTENT && !DEEP(o.low, o.high);
     o.wide = !small && far > FAR && is_wide(record, far, view, o.plane);
     o.u_reference = o.u[0];
@@ -339,17 +353,19 @@ Outline make_outline(__global const float *record, __constant float *view)
     return o;
 }
 
-// Edge functions of one triangle in exact integers; negative outside. On an edge they are 0, and the sample
-// belongs to the triangle only if the edge is a left or a top edge, so exactly one of two triangles that share an
-// edge takes the sample. They are divided by UNIT, which keeps the sign because steps of a pixel are multiples of
-// UNIT.
+// Edge functions of one triangle in exact integers, which are negative outside.
+// On an edge the function is 0.
+// The sample then belongs to the triangle only if the edge is a left or top edge.
+// Therefore exactly one of two triangles that share an edge takes the sample.
+// The values are divided by UNIT.
+// Division keeps the sign, because steps of a pixel are multiples of UNIT.
 typedef struct {
-    long e[3];        // at the centre of pixel (x, y)
-    long dx[3], dy[3]; // e changes by -dy to the right, by +dx downwards
-    int x0, y0, x1, y1; // pixels of the box, ends included; empty where x0 > x1 or y0 > y1
+    long e[3];        // value at the centre of pixel (x, y)
+    long dx[3], dy[3]; // e changes by -dy per pixel to the right, by +dx per pixel downwards
+    int x0, y0, x1, y1; // range of pixels of the box, ends included; empty where x0 > x1 or y0 > y1
 } Edges;
 
-// The triangle with corners 0, k, k + 1 of an outline, within pixels [left, right) x [top, bottom).
+// Draws the triangle with corners 0, k, k + 1 of an outline, within pixels [left, right) x [top, bottom).
 Edges make_edges(const Outline *o, int k, int left, int top, int right, int bottom)
 {
     Edges s;
@@ -383,9 +399,10 @@ Edges make_edges(const Outline *o, int k, int left, int top, int right, int bott
 
 // ---- colours
 
-// Weights of the corners at the intersection of the ray with the plane of the triangle (Moeller and Trumbore
-// 1997), from the stored corners, not the snapped ones; clamped to the triangle, because snapping may put a sample
-// outside. A triangle seen edge-on has no weights: its first corner counts.
+// Weights of the corners where the ray meets the plane of the triangle (Moeller and Trumbore 1997).
+// The stored corners are used, not the snapped ones.
+// Snapping may put a sample outside, so the weights are clamped to the triangle.
+// A triangle seen edge-on has no weights, so its first corner gets weight 1.
 #define WEIGHTS(REAL, view, c0, c1, c2, c3, c4, c5, c6, c7, c8, px, py, w, u, v)                                \
     REAL w, u, v;                                                                                               \
     {                                                                                                           \
@@ -422,8 +439,10 @@ Edges make_edges(const Outline *o, int k, int left, int top, int right, int bott
         to = MAD(w, a, MAD(u, b, last));                                                                        \
     }
 
-// The same in double precision, from the corner nearest to the camera, for a long triangle that float32 handles
-// inaccurately: it is nearly parallel to the ray, or its sides are nearly parallel. Return whether this is so.
+// Computes the weights in double precision, from the corner nearest to the camera.
+// Double precision is used for long triangles that float32 handles inaccurately.
+// Such a triangle is nearly parallel to the ray, or two of its edges are nearly parallel.
+// Return whether the triangle requires double precision.
 int wide_weights(__global const float *record, __constant float *view, real px, real py, float *weights)
 {
     real o[3], a[3], b[3], away = 0.0f, size = 0.0f;
@@ -456,7 +475,7 @@ int wide_weights(__global const float *record, __constant float *view, real px, 
     return 1;
 }
 
-// Whether a triangle is so long that the weights of its corners may need double precision.
+// Returns whether a triangle is so long that the weights of its corners may need double precision.
 int is_long(__global const float *corners)
 {
     float size = 0.0f;

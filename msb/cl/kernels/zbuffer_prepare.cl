@@ -7,9 +7,10 @@
 #define TEXTURE_ARGUMENTS
 #endif
 
-// Runs once per asset: records of triangles for the z-buffer (zbuffer_math.cl), and boxes of clusters.
+// This file runs once per asset.
+// These kernels make the triangle records of the z-buffer (zbuffer_math.cl), and the boxes of clusters.
 
-// Spread the low ten bits of x, with two zeros before each.
+// Spread the low ten bits of x, with two zero bits before each bit.
 uint spread(uint x)
 {
     x = (x | x << 16) & 0x030000ff;
@@ -18,8 +19,8 @@ uint spread(uint x)
     return (x | x << 2) & 0x09249249;
 }
 
-// Write the position of each centroid along the Morton curve of 1024^3 cells, 30 bits. `origin` and `scale` map to
-// cells; points outside are moved to border cells.
+// Write the position of each centroid along the Morton curve through 1024^3 cells, with 30 bits.
+// `origin` and `scale` map positions to cells; points outside the grid are moved to border cells.
 __kernel void place(__global const float *positions, __global const uint *indices, __global const uint *listed,
     int all, __global uint *keys, float4 origin, float scale, uint count)
 {
@@ -42,7 +43,7 @@ __kernel void place(__global const float *positions, __global const uint *indice
     keys[i] = spread(cell[0]) | spread(cell[1]) << 1 | spread(cell[2]) << 2;
 }
 
-// Whether corner a precedes b: by x, then y, then z.
+// Returns whether corner a precedes b in the order of x, then y, then z.
 int before(const float *a, const float *b)
 {
     for (int axis = 0; axis < 3; axis++)
@@ -51,10 +52,13 @@ int before(const float *a, const float *b)
     return 0;
 }
 
-// Write the records. Corners are sorted by position, so that faces in the same place have bit-identical depths,
-// whichever corner each starts with. Slots from `count` on, up to a whole block, get zero-area triangles. With
-// textures, `colors` has u, v of each corner. `tint` has linear light and alpha, read only if `is_tinted`.
-// `face_textures` has the texture of each face, read only if there are `several`.
+// Write the records.
+// Corners are sorted by position.
+// Faces in the same place then have bit-identical depths, for any order of the corners in the file.
+// Slots from `count` to the end of the block get triangles of zero area.
+// With textures, `colors` has the texture coordinates u, v of each corner.
+// `tint` holds linear light and alpha, and is read only if `is_tinted` is set.
+// `face_textures` has the texture of each face, and is read only if `several` is set.
 __kernel void records(__global const float *positions, __global const uint *indices, __global const uint *listed,
     int all, __global const uint *order, int ordered, COLOR_TYPE colors, int domain, __global float *triangles,
     __global float *corner_colors, uint count, uint slots TEXTURE_ARGUMENTS)
@@ -75,7 +79,7 @@ __kernel void records(__global const float *positions, __global const uint *indi
             corner[k][axis] = positions[3 * vertex + axis];
         row[k] = domain == 0 ? vertex : 3 * face + k;
     }
-    for (int pass = 0; pass < 3; pass++) { // three exchanges sort three corners
+    for (int pass = 0; pass < 3; pass++) { // three exchanges suffice to sort three corners
         int k = pass & 1;
         if (before(corner[k + 1], corner[k])) {
             for (int axis = 0; axis < 3; axis++) {
@@ -120,7 +124,8 @@ __kernel void records(__global const float *positions, __global const uint *indi
 #endif
 }
 
-// Copy the records. Faces that are not selected get zero area, so they cover no pixels.
+// Copy the records.
+// Faces that are not selected get zero area, so that they cover no pixels.
 __kernel void copy_selected_records(__global const float *triangles, __global const uchar *selected, __global float *copies,
     uint slots)
 {
@@ -133,7 +138,7 @@ __kernel void copy_selected_records(__global const float *triangles, __global co
         to[k] = from[k < 9 && !is_selected ? k % 3 : k];
 }
 
-// Centre and half extent of clusters of `size` triangles, in six rows of `stride`.
+// Centre and half extent of clusters of `size` triangles, in six rows of `stride` values.
 __kernel void bound(__global const float *triangles, __global float *boxes, int size, int slots, int count, int stride)
 {
     int cluster = get_global_id(0);
@@ -147,7 +152,8 @@ __kernel void bound(__global const float *triangles, __global float *boxes, int 
                 low = at < low ? at : low;
                 high = at > high ? at : high;
             }
-        // Halved first, because the sum of two large numbers may overflow. The extent grows by the rounding error.
+        // The numbers are halved first, because the sum of two large numbers may overflow.
+        // The extent grows by the rounding error of the centre.
         float center = 0.5f * low + 0.5f * high;
         float reach = high - center > center - low ? high - center : center - low;
         boxes[axis * stride + cluster] = center;

@@ -1,17 +1,20 @@
-// Textures for the opaque z-buffer: the colour of a face at a sample, eight samples at once (LANES 8) or one.
-// docs/standard.md has the rules; the readable twin is `sample` in msb/asset/texture.py.
+// Textures for the opaque z-buffer: the colour of a face at one sample or at eight samples (LANES 8).
+// docs/standard.md has the rules; `sample` in msb/asset/texture.py is a readable version in NumPy.
 //
-// A record has u, v of its corners in UV_WORD and after FACE_WORD. `tints`, if used, holds linear light and alpha of
-// the corners of each slot, `numbers`, with several textures, the texture of each slot, `texels` all levels of all
-// textures with an extra column and row, as linear light and alpha with 16 bits each. `rows` describes how to read:
+// A triangle record has u, v of its corners in UV_WORD and after FACE_WORD.
+// `tints`, if used, holds linear light and alpha of the corners of each slot.
+// With several textures, `numbers` holds the texture of each slot.
+// `texels` holds all levels of all textures, each with an extra column and row.
+// A texel is linear light and alpha, with 16 bits each.
+// The rows of the table `rows`:
 //   row 0       whether the nearest texel is used, whether smaller levels are used, wrap of u, wrap of v
 //   row 1       alpha cutoff as a float; whether there are tints; whether there are several textures
 //   row 2 + 5t  texture t: width, height, last level; the next four rows: first texels of levels 0 to 15
 
-// msb/render/standard/texels.py defines FIRST_ROW, TEXTURE_ROWS and the wraps CLAMPED and MIRRORED; any other
-// value repeats.
+// msb/render/standard/texels.py defines FIRST_ROW, TEXTURE_ROWS and the wrap modes CLAMPED and MIRRORED.
+// Other wrap modes mean repeat.
 #define TINT_WORDS 12
-// Inlining hoists values that are constant along a row out of its loops.
+// Inlining moves values that are constant along a row out of the loops.
 #if LANES == 8 && defined(__clang__)
 #define INLINED __attribute__((always_inline))
 #else
@@ -32,7 +35,7 @@ typedef struct {
 #define CUTOFF_OF(t) as_float((t)->rows[4])
 #define IS_TINTED(t) ((t)->rows[5])
 #define ARE_SEVERAL(t) ((t)->rows[6])
-// Arguments of a kernel that draws, and their use.
+// Texture arguments of a drawing kernel, and the struct that holds them.
 #define TEXTURE_ARGUMENTS                                                                                       \
     , __global const uint *numbers, __global const ushort4 *texels, __global const int *level_rows
 #define TEXTURES_OF(triangles, tints) {triangles, tints, numbers, texels, level_rows}
@@ -49,7 +52,7 @@ typedef int8 ints;
 #define GATHER(type, p, i)                                                                                      \
     (type)((p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3], (p)[(i).s4], (p)[(i).s5], (p)[(i).s6], (p)[(i).s7])
 #define ROW_OF(p, words, slot, lane, i) LOAD((p) + (size_t)(slot).s##lane * (words) + (i), 0)
-// Eight words of each of eight records, from word i on.
+// Eight words of each of eight records, starting at word i.
 #define EIGHT_WORDS(p, words, slot, i, w)                                                                       \
     {                                                                                                           \
         w[0] = ROW_OF(p, words, slot, 0, i), w[1] = ROW_OF(p, words, slot, 1, i);                               \
@@ -95,11 +98,11 @@ floats floor_of(floats x)
 {
     floats whole = FLOATS_OF(INTS_OF(x));
     whole = whole > x ? whole - 1.0f : whole;
-    return x < 8388608.0f ? (x > -8388608.0f ? whole : x) : x; // larger floats are integers
+    return x < 8388608.0f ? (x > -8388608.0f ? whole : x) : x; // floats above this value are integers
 }
 
-// A polynomial in the mantissa minus 1, with the mantissa in [sqrt(1/2), sqrt(2)). Accurate to 3e-6 for positive
-// normal numbers.
+// This is a polynomial in the mantissa minus 1, with the mantissa in [sqrt(1/2), sqrt(2)).
+// The result is accurate to 3e-6 for positive normal numbers.
 floats log2_of(floats x)
 {
     ints bits = AS_INTS(x), exponent = (bits - 0x3f3504f3) >> 23;
@@ -110,7 +113,8 @@ floats log2_of(floats x)
     return MAD(t, low, FLOATS_OF(exponent));
 }
 
-// Linear light to sRGB (IEC 61966-2-1); above the linear part a polynomial in the fourth root, accurate to 2e-6.
+// Linear light to sRGB (IEC 61966-2-1).
+// Above the linear part, a polynomial in the fourth root is accurate to 2e-6.
 floats encoded(floats x)
 {
     floats root = ROOT(ROOT(x));
@@ -135,7 +139,7 @@ floats folded(floats u, int wrap)
     return u > 0.0f ? (u < 1.0f ? u : (floats)1.0f) : (floats)0.0f;
 }
 
-// The textures of the faces in `slot`: offset of their rows from the first texture, sides, and last level.
+// Values of the textures of the faces in `slot`: row offset from the first texture, sides, and last level.
 typedef struct {
     ints at, width, height, last_level;
 } Image;
@@ -153,15 +157,16 @@ Image image_of(const Textures *t, ints slot)
     return image;
 }
 
-// The texels read in a level: the upper left one of four, the offset of the lower ones, and the shares of the
-// upper two, of the lower two, and of the right ones in both.
+// The texels read in a level: the upper left of four texels, and the offset of the lower two.
+// Three weights follow: of the upper texels, of the lower texels, and of the right texel in each pair.
 typedef struct {
     ints at, below;
     floats upper, lower, right;
 } Taps;
 
-// The taps of a level, times a share; u, v are mapped. Each level has an extra column and row with the texels that
-// blend with the last ones, so the four are always neighbours.
+// The weighted texels of a level, times a share; u, v are already mapped into the texture.
+// Each level has an extra column and row with the texels that blend with its last ones.
+// The four texels are therefore always neighbours.
 Taps taps_of(const Textures *t, const Image *image, ints level, floats u, floats v, floats share)
 {
     Taps taps;
@@ -172,7 +177,7 @@ Taps taps_of(const Textures *t, const Image *image, ints level, floats u, floats
     height = height > 1 ? height : (ints)1;
     ints x0, y0;
     share *= 1.0f / 65535.0f;
-    if (t->rows[0]) { // a single texel is the upper left one of four
+    if (t->rows[0]) { // if the nearest texel is used, it is the upper left of four
         x0 = INTS_OF(u * FLOATS_OF(width));
         y0 = INTS_OF(v * FLOATS_OF(height));
         x0 = x0 < width ? x0 : width - 1;
@@ -181,7 +186,7 @@ Taps taps_of(const Textures *t, const Image *image, ints level, floats u, floats
     } else {
         floats x = MAD(u, FLOATS_OF(width), (floats)(-0.5f));
         floats y = MAD(v, FLOATS_OF(height), (floats)(-0.5f));
-        // Beyond an edge that does not repeat, the edge itself continues.
+        // Beyond the edge of a texture that does not repeat, the colour of the edge continues.
         if (t->rows[2] != 0)
             x = x > 0.0f ? x : (floats)0.0f;
         if (t->rows[3] != 0)
@@ -200,10 +205,10 @@ Taps taps_of(const Textures *t, const Image *image, ints level, floats u, floats
     return taps;
 }
 
-// Add the colour of the taps.
+// Add the colour of the weighted texels.
 INLINED void add_taps(__global const ushort4 *texels, const Taps *taps, floats *light)
 {
-    float8 seen[LANES]; // left texels, then right texels
+    float8 seen[LANES]; // left texels first, then right texels
 #pragma unroll
     for (int l = 0; l < LANES; l++) {
         __global const ushort4 *four = texels + LANE(taps->at, l);
@@ -216,9 +221,11 @@ INLINED void add_taps(__global const ushort4 *texels, const Taps *taps, floats *
         light[k] += MAD(taps->right, COLUMN(seen, k + 4) - COLUMN(seen, k), COLUMN(seen, k));
 }
 
-// Weights of the second and third corner at a sample, and their steps to the next pixel along x and y: w[0], w[1],
-// w[0] along x, w[1] along x, w[0] along y, w[1] along y. As in WEIGHTS; the volumes are written as products of
-// the ray with vectors that are constant for a face, so their steps follow from the steps of the ray.
+// Weights of the second and third corner at a sample, and the steps of these weights per pixel along x and y.
+// The order is w[0], w[1], w[0] along x, w[1] along x, w[0] along y, w[1] along y.
+// Computes the weights as in WEIGHTS.
+// The volumes are products of the ray with constant vectors of the face.
+// The steps of the volumes follow from the steps of the ray.
 void weights_and_steps(const floats *c, __constant float *view, floats px, floats py, floats *w)
 {
     floats ax = c[3] - c[0], ay = c[4] - c[1], az = c[5] - c[2];
@@ -257,7 +264,7 @@ void weights_and_steps(const floats *c, __constant float *view, floats px, float
     }
 }
 
-// The same in double precision if wide_weights requires it.
+// Computes the weights in double precision if wide_weights requires this.
 void wide_weights_and_steps(__global const float *record, __constant float *view, real px, real py, float *w)
 {
     float exact[3];
@@ -288,19 +295,20 @@ void wide_weights_and_steps(__global const float *record, __constant float *view
     }
 }
 
-// The texture position of a sample, from 0 to 1, its level, and the weights of the second and third corner.
+// The texture position of a sample, from 0 to 1, the level, and the weights of the second and third corner.
 typedef struct {
     floats u, v, lod, w0, w1;
 } Place;
 
-// Find the texture position of the faces in `slot` at px, py from the principal point, clamped to the faces.
+// Find the texture position of the faces in `slot` at px, py, clamped to the faces.
+// px and py are relative to the principal point.
 INLINED void look(const Textures *t, __constant float *view, ints slot, floats px, floats py, Place *place)
 {
     floats c[16], w[6];
     EIGHT_WORDS(t->triangles, WORDS, slot, 0, c)
     EIGHT_WORDS(t->triangles, WORDS, slot, 8, (c + 8))
     weights_and_steps(c, view, px, py, w);
-    floats size = (floats)0.0f; // as is_long in zbuffer_math.cl
+    floats size = (floats)0.0f; // same test as is_long in zbuffer_math.cl
 #pragma unroll
     for (int k = 3; k < 9; k++) {
         floats side = MAGNITUDE(c[k] - c[k % 3]);
@@ -350,7 +358,7 @@ INLINED void look(const Textures *t, __constant float *view, ints slot, floats p
     place->w1 = w[1];
 }
 
-// The taps of a texture position, in one level or two.
+// The weighted texels at a texture position, in one level or two.
 typedef struct {
     Taps near, far;
     int blends; // whether `far` counts
@@ -368,7 +376,7 @@ INLINED void aim(const Textures *t, ints slot, const Place *place, Sight *sight)
         sight->far = taps_of(t, &image, level, place->u, place->v, share);
 }
 
-// The linear light at a texture position, and with a cutoff its alpha.
+// Returns the linear light at a texture position, and, with a cutoff, the alpha.
 INLINED void show(const Textures *t, ints slot, const Place *place, const Sight *sight, floats *light)
 {
 #pragma unroll

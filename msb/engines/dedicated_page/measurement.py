@@ -1,4 +1,4 @@
-"""Measures a page: a headless browser draws the test views, and msb compares them with the stored images."""
+"""Measures a page: a headless browser draws the test views, and msb compares them with stored images."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -13,8 +13,8 @@ from msb.engines.webpage import read_script
 from msb.errors import DeviceError
 from msb.metrics import psnr
 
-# Default of --at-least: the minimum PSNR in dB of every test view. Differences are invisible above 40 dB; 45
-# dB leaves a margin, and pages that are blended in half floats still pass.
+# Default of --at-least: the minimum PSNR in dB of every test view. Differences are invisible above 40 dB. A
+# page that blends in half floats still reaches 45 dB.
 FAITHFUL = 45.0
 
 
@@ -25,11 +25,11 @@ class Measurement:
     Attributes
     ----------
     browser, device : str
-        The name of the browser, and that of its graphics adapter.
+        The name of the browser, and the name of its graphics adapter.
     format : str
         The texture format of the blended targets.
     psnr : list of float
-        PSNR of each view in dB; inf if all bytes are equal.
+        PSNR of each view in dB; infinite if all bytes are equal.
     milliseconds : list of float
         Time of each frame until its pixels were read. The first frame includes deferred work of WebGPU.
     """
@@ -42,12 +42,12 @@ class Measurement:
 
     @property
     def worst(self) -> float:
-        """The lowest PSNR in dB; inf if all views are equal."""
+        """The lowest PSNR in dB; infinite if all views are equal."""
         return min(self.psnr, default=math.inf)
 
     @property
     def by(self) -> str:
-        """The browser and adapter in words."""
+        """The names of the browser and adapter as text."""
         half = ", blended in half floats" if self.format == "rgba16float" else ""
         return f"{self.browser}, {self.device}{half}"
 

@@ -35,18 +35,18 @@ SCRIPTS = (
 )
 # The limits that WebGPU guarantees on every device.
 _GUARANTEED = Limits(binding=1 << 27, buffer=1 << 28, side=8192)
-# Limits of most desktop graphics cards. The page requests the limits it needs, and reports an error if the
-# device has lower limits.
+# Limits of most desktop graphics cards. The page requests the limits that it needs, and reports an error if
+# the limits of the device are lower.
 _LARGER = Limits(binding=1 << 30, buffer=1 << 31, side=8192)
-# Number of chunks of faces for blending (see `program.STOPS`). The page has fewer chunks than the renderer,
-# because a pass before each chunk reads all samples, which is slow in browsers.
+# Number of chunks of faces that are blended one after the other (see `program.STOPS`). The page has fewer
+# chunks than the renderer, because the pass before each chunk reads all samples, which is slow in browsers.
 STOPS = 8
-# The combinations of order and sampling that a page offers.
+# The combinations of face order and sampling that a page offers.
 MODES: tuple[tuple[Order, Sampling], ...] = (
     *(("tile", "official"), ("global", "official"), ("none", "official")),
-    *(("tile", "engine"), ("none", "engine")),  # engines have no tiles: "global" equals "tile"
+    *(("tile", "engine"), ("none", "engine")),  # game engines have no tiles, so "global" is omitted
 )
-# NumPy kind of a member of the camera record -> its WGSL type.
+# The WGSL type for each NumPy kind of a uniform buffer member.
 _TYPES = {"f": "f32", "i": "i32", "u": "u32"}
 # Maximum number of base64 letters in an HTML element.
 _LETTERS = 1 << 23
@@ -57,7 +57,7 @@ _SCENE = re.compile(rb'<script type="application/json" id="scene">(.*?)</script>
 
 
 def psnr_to_json(value: float) -> float | None:
-    """Return a PSNR for JSON: None stands for equal images."""
+    """Return a PSNR for JSON; None means that the images are equal."""
     return None if math.isinf(value) else value
 
 
@@ -72,9 +72,7 @@ class CheckView:
 
 @dataclass(frozen=True)
 class Cost:
-    """A reduction of the asset: its description, and the lowest PSNR in dB against images of the unreduced
-    asset.
-    """
+    """A reduction of the asset: its description, and the lowest PSNR in dB against the full asset."""
 
     what: str
     psnr: float
@@ -82,10 +80,10 @@ class Cost:
 
 @dataclass(frozen=True)
 class BakedMesh:
-    """A mesh baked from the model, as GLB in the coordinates of the model, with stored colours.
+    """A mesh that was baked from the model, as GLB in the coordinates of the model, with stored colours.
 
-    `psnr` is its average PSNR in dB on the test views, with one sample per pixel. `plain` is the same number
-    for the model's standard-tier mesh, or None without such a mesh.
+    `psnr` is the average PSNR in dB of the baked mesh on the test views, with one sample per pixel. `plain`
+    is the average PSNR of the model's standard-tier mesh, or None without such a mesh.
     """
 
     glb: bytes
@@ -97,7 +95,7 @@ class BakedMesh:
 class DedicatedPage:
     """The content of a page: its scene (JSON data), its arrays (HTML elements) and a baked mesh (GLB).
 
-    Call `to_bytes` again after `record` has added a measurement.
+    After `record` has added a measurement, call `to_bytes` again.
     """
 
     scene: dict[str, Any]
@@ -105,33 +103,33 @@ class DedicatedPage:
     glb: bytes = field(default=b"", repr=False)
 
     def to_bytes(self) -> bytes:
-        """Return the HTML file."""
+        """Return the page as an HTML file."""
         encoded = base64.b64encode(self.glb).decode("ascii")
         return fill_template(self.scene, SCRIPTS, glb=encoded, arrays=self.arrays)
 
     def record(self, by: str, psnr: Sequence[float]) -> None:
-        """Add a measurement: the PSNR in dB of each test view, and the browser that drew them."""
+        """Add a measurement: the PSNR in dB of each test view, and the name of the browser."""
         self.scene["dedicated"]["measured"] = {"by": by, "psnr": list(map(psnr_to_json, psnr))}
 
 
 class _Arrays:
-    """The compressed arrays of a page. Each array has a name, a head and a zlib stream."""
+    """The compressed arrays of a page. Each array has a name, a head (JSON data) and a zlib stream."""
 
     def __init__(self) -> None:
         self.entries: dict[str, tuple[dict[str, Any], bytes]] = {}
 
     def add(self, name: str, array: NDArray[Any]) -> str:
-        """Compress an array and return its name."""
+        """Compress an array and return the array's name."""
         stored = store(array)
         self.entries[name] = stored.head, stored.data
         return name
 
     def add_positions(self, asset: Asset, packed: Packed) -> None:
-        """Add the positions of the asset and those of the plan, which differ if triangles are shrunk.
+        """Add the positions of the asset and the positions of the plan. 2DTS plans have shrunk positions.
 
-        2DTS shrinks triangles about their centroids. Shrunk positions do not lie on the grid of rounded
-        positions and would take much space. If the page can compute exactly the same values, only the factor
-        is stored.
+        2DTS shrinks triangles about their centroids. Shrunk positions compress badly, because they are not on
+        a regular grid. If the page can compute the shrunk positions exactly, only the shrink factor is
+        stored.
         """
         stored = np.asarray(asset.buffers["positions"], np.float32)
         plan_positions = packed.arrays["positions"]
@@ -142,7 +140,9 @@ class _Arrays:
         factor = _shrink_factor(stored, plan_positions) if may_be_shrunk else None
         if factor is None:
             self.add("positions", plan_positions)
-            if len(stored) != len(plan_positions):  # the asset shares vertices that the plan duplicates
+            if len(stored) != len(
+                plan_positions
+            ):  # the asset shares vertices, but the plan duplicates these vertices
                 return
         self.add("stored positions", stored)
         if factor is not None:
@@ -178,13 +178,13 @@ def make_page(
     Parameters
     ----------
     asset : Asset
-        The asset; it may be reduced.
+        The asset, which may be reduced.
     name, cameras, up, background
         As for `webpage.scene_to_json`.
     settings : mapping
-        Settings that replace those stored in the asset.
+        Settings that replace the settings in the asset.
     tests, against
-        The test views, and a text about the source of their images.
+        The test views, and a text that names the source of their images.
     costs : sequence of Cost
         The reductions that were applied to `asset`, with their losses.
     all_faces : int, optional
@@ -199,7 +199,7 @@ def make_page(
     DeviceError
         DEVICE_MEMORY: the asset is too large for WebGPU.
     """
-    # Prefer a plan that runs on all devices. Larger assets need the limits of a graphics card.
+    # Prefer a plan within the limits of all devices. Larger assets need the higher limits of a graphics card.
     packed = pack(asset, settings)
     try:
         limits = _GUARANTEED
@@ -207,8 +207,8 @@ def make_page(
     except DeviceError:
         limits = _LARGER
         plans = _make_plans(packed, limits, "WebGPU on most graphics cards")
-    # Store the arrays of the first plan. The other plans refer to these arrays and add only arrays that
-    # differ.
+    # Store the arrays of the first plan. Later plans refer to the arrays of the first plan, and only add
+    # arrays that differ.
     arrays = _Arrays()
     first = plans[MODES[0]]
     for array_name, array in first.data.items():
@@ -223,7 +223,7 @@ def make_page(
         for buffer, array in plan.data.items():
             same = buffer in first.data and np.array_equal(array, first.data[buffer])
             names[buffer] = buffer if same else arrays.add(f"{buffer}, {order}, {sampling}", array)
-        # Modules with equal text are stored once in the list `modules`, and a record has their numbers.
+        # The list `modules` stores equal WGSL texts once. A plan stores indices into this list.
         record = plan.record()
         modules += [text for text in record["modules"].values() if text not in modules]
         record["modules"] = {key: modules.index(text) for key, text in record["modules"].items()}
@@ -270,8 +270,8 @@ def make_page(
 def _make_plans(packed: Packed, limits: Limits, name: str) -> dict[tuple[Order, Sampling], Plan]:
     """Return a plan for each mode of `MODES`, the official mode first.
 
-    A model that is drawn with a z-buffer has only the modes of order "tile", because the order does not
-    change its images.
+    A model with a z-buffer only has modes with the order "tile", because the drawing order does not change
+    its images.
     """
     plans = {}
     for order, sampling in MODES:
@@ -283,10 +283,11 @@ def _make_plans(packed: Packed, limits: Limits, name: str) -> dict[tuple[Order, 
 
 
 def _describe_record(packed: Packed) -> dict[str, Any]:
-    """Return the layout of the camera record. The page fills the record for each frame.
+    """Return the layout of the uniform buffer for a camera. The page fills the uniform buffer for each frame.
 
-    `members` has the name, type, number of values and byte offset of each member; the members of the method
-    come last, and `own` holds their values. `near` and `far` are the planes of the official projection.
+    `members` describes each member of the buffer by name, type, number of values and byte offset. The members
+    of the method come last, and `own` has their values. `near` and `far` are the planes of the official
+    projection.
     """
     model = packed.model
     members: list[list[Any]] = []
@@ -311,10 +312,10 @@ def _describe_record(packed: Packed) -> dict[str, Any]:
 def _live_settings(
     asset: Asset, settings: Mapping[str, Any], model: SplatModel | Surface
 ) -> list[dict[str, Any]]:
-    """Return the settings that the page can change, because they affect only the camera record.
+    """Return the settings that the page can change, because they only affect the camera's uniform buffer.
 
-    Each entry has `name`, the current `value` and `options`. An option is a possible value, with the members
-    of the record that it sets.
+    Each setting has a `name`, the current `value` and a list `options`. Each option has a possible value and
+    the buffer members that change with this value.
     """
     live = []
     values = effective_settings(asset.manifest, settings)
@@ -337,7 +338,7 @@ def _live_settings(
 
 
 def _differ_in_record_only(model: SplatModel | Surface, other: SplatModel | Surface) -> bool:
-    """Return whether two models are equal except for values that the method stores in the camera record."""
+    """Return whether two models are equal except for values in the camera's uniform buffer."""
     for name, value in vars(model).items():
         second = getattr(other, name)
         if name == "projection":
@@ -350,11 +351,11 @@ def _differ_in_record_only(model: SplatModel | Surface, other: SplatModel | Surf
 
 
 def _orbit_sphere(asset: Asset) -> dict[str, Any]:
-    """Return the sphere that a free camera orbits: around the framed part, or a smaller one around most
-    vertices.
+    """Return the sphere that the free camera orbits. The sphere encloses the framed part of the model, or
+    most of its vertices.
 
-    In captures some faces are far away. A camera that orbits the whole bounding sphere would be too far from
-    the model.
+    In captured scenes, a few faces are far away from all others. An orbit around the whole bounding sphere
+    would be too far from the model.
     """
     whole = find_framing(asset)
     positions = np.asarray(asset.buffers["positions"][:: max(1, asset.manifest.vertex_count // 100_000)])
@@ -367,27 +368,27 @@ def _orbit_sphere(asset: Asset) -> dict[str, Any]:
 
 
 def _required_limit(buffers: Iterable[tuple[int, tuple[str, ...]]], maximum: int, guaranteed: int) -> int:
-    """Return the device limit that the page requests: the size of the largest buffer, but at least
-    `guaranteed` and at most `maximum`.
-    """
+    """Return the device limit to request: the size of the largest buffer, clamped to the range `guaranteed`
+    to `maximum`."""
     return min(maximum, max(guaranteed, *(size for size, _ in buffers)))
 
 
 def _shrink_factor(stored: NDArray[np.float32], plan_positions: NDArray[np.float32]) -> float | None:
     """Return the float32 factor by which triangles were shrunk about their centroids, or None.
 
-    Both arrays (3F, 3) have the three corners of each triangle in consecutive rows.
+    Both arrays are (3F, 3), with three consecutive rows per triangle.
     """
     triangles, shrunk = stored.reshape(-1, 3, 3), plan_positions.reshape(-1, 3, 3)
     center = ((triangles[:, 0] + triangles[:, 1] + triangles[:, 2]) / np.float32(3))[:, None]
-    arms = triangles - center  # from the centroids to the corners
+    arms = triangles - center  # vectors from the centroids to the corners
     largest = np.unravel_index(np.abs(arms).argmax(), arms.shape)
     if arms[largest] == 0:
         return None
-    # Estimate the factor from the longest arm, then try its float32 neighbours, the nearest first.
+    # Estimate the factor from the longest vector to a corner. Try the float32 values around the estimate,
+    # nearest first.
     guess = np.float32((shrunk - center)[largest] / arms[largest])
     near = guess + np.arange(-64, 65) * np.spacing(guess)
-    sample = slice(0, 64)  # test these triangles before all others
+    sample = slice(0, 64)  # testing a few triangles first is faster
     for factor in sorted(near.astype(np.float32), key=lambda value: abs(float(value) - float(guess))):
         if np.array_equal(arms[sample] * factor + center[sample], shrunk[sample]) and np.array_equal(
             arms * factor + center, shrunk
@@ -399,7 +400,7 @@ def _shrink_factor(stored: NDArray[np.float32], plan_positions: NDArray[np.float
 def _describe_standard_mesh(
     asset: Asset, packed: Packed, values: Mapping[str, Any], arrays: _Arrays
 ) -> dict[str, Any]:
-    """Return the description of the standard-tier mesh for the page: the names of its arrays.
+    """Return the description of the standard-tier mesh for the page: the names of the arrays of the mesh.
 
     `grey` is true if the method has no static colours. `shown` is the array that marks the selected faces, or
     None if all faces are selected.
@@ -422,7 +423,7 @@ def _describe_standard_mesh(
 
 
 def read_page(path: Path) -> tuple[bytes, dict[str, Any], list[NDArray[np.uint8]]]:
-    """Return the bytes of a page, its scene, and the expected images of its test views, each (H, W, 3).
+    """Return the bytes of a page, its scene description, and the expected images (H, W, 3) of its test views.
 
     Raises
     ------
@@ -449,7 +450,7 @@ def _read_test_images(page: bytes, content: Mapping[str, Any]) -> list[NDArray[n
     sizes = [math.prod(shape) for shape in shapes]
     if sum(sizes) > _MAX_TEST_BYTES:  # limit the size, because a short stream can inflate to a huge image
         raise ValueError(f"the test views have {sum(sizes)} bytes")
-    # Join the streams, which may be split between elements.
+    # Join the streams that are split between elements.
     streams = {test["image"]: b"" for test in content["tests"]}
     for part in _ARRAY.finditer(page):
         name = part[1].decode()
@@ -459,6 +460,6 @@ def _read_test_images(page: bytes, content: Mapping[str, Any]) -> list[NDArray[n
     for test, shape, size in zip(content["tests"], shapes, sizes, strict=True):
         head = content["arrays"][test["image"]]
         if (head["how"], head["type"], head["bytes"]) != ("plain", "uint8", size):
-            raise ValueError(f"an image of {size} bytes has the head {head}")
+            raise ValueError(f"an image of {size} bytes has the unexpected head {head}")
         images.append(restore(head, streams[test["image"]]).reshape(shape))
     return images

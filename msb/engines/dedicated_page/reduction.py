@@ -1,8 +1,8 @@
-"""Reduction of assets for pages: round values, and keep only the faces that contribute most.
+"""Reduces assets for pages: rounds values, and keeps only the faces that contribute most.
 
 A reduced asset is still an asset of its method, so any renderer can measure the loss of quality. `storage`
-stores the rounded values compactly and exactly: positions lie on a grid, and other buffers have at most 256
-values per column.
+compresses the rounded values well, because positions lie on a grid and other columns have at most 256
+distinct values.
 """
 
 from collections.abc import Mapping
@@ -16,28 +16,30 @@ from numpy.typing import NDArray
 from msb.asset import Asset
 from msb.engines.dedicated_page.storage import CHUNK, LEVELS, find_exponents
 
-# Maximum extent of a chunk of positions in grid steps. The extent is below 65,535 because rounding may add a
-# step.
+# Largest extent of a chunk of positions in grid steps. The extent is below 65,535, because rounding may add
+# one step.
 GRID = 65000
-# Buffers that are rounded to 256 values per column.
+# Buffers whose values are rounded to 256 values per column.
 _ROUNDED = ("f_dc", "f_rest", "opacity", "sigma")
-# Lattices with values from 0 to 1. The lattices are rounded to bytes, as in the official web export.
+# Feature lattices with values from 0 to 1. Lattice values are rounded to bytes, as in the official web
+# export.
 _BYTES = ("features.lattice", "features.opacity")
 # Number of histogram bins for choosing the 256 values.
 _BINS = 4096
-# Only a column with at most this many rows is tested for having at most 256 distinct values already.
+# Columns with more rows than this are rounded without counting their distinct values.
 _FEW = 4 * LEVELS
 
 
 def quantise(asset: Asset) -> Asset:
     """Return `asset` with positions rounded to 16 bits per chunk of neighbours, and other values to 8 bits.
 
-    Faces and vertices are reordered along a space-filling curve, so that neighbours share a chunk. Faces at
-    exactly equal depths may therefore be blended in another order.
+    Faces and vertices are reordered along a space-filling curve, so that neighbours share a chunk. Reordering
+    may change the blending order of faces at exactly equal depths.
     """
     buffers = dict(asset.buffers)
     _reorder_along_curve(asset, buffers)
-    # Round the positions (V, 3) to multiples of their chunk's step, a power of two. Adding 0 turns -0 into 0.
+    # Round the positions (V, 3) to multiples of the step of their chunk, a power of two. Adding 0 changes -0
+    # to 0.
     positions = buffers["positions"]
     steps = np.exp2(find_exponents(positions, GRID).astype(np.float64))[
         np.arange(len(positions)) // CHUNK, None
@@ -57,8 +59,8 @@ def quantise(asset: Asset) -> Asset:
 def _round_to_levels(values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return values (N,) rounded to 256 levels.
 
-    The density of the levels is the cube root of the density of the values. Such a density minimises the
-    squared error (Panter and Dite, 1951). The minimum and the maximum are kept.
+    The density of the levels is the cube root of the density of the values. The cube root minimises the
+    squared error (Panter and Dite, 1951). The minimum and the maximum of the values do not change.
     """
     finite = values[np.isfinite(values)]
     if not len(finite):
@@ -66,12 +68,11 @@ def _round_to_levels(values: NDArray[np.float32]) -> NDArray[np.float32]:
     low, high = float(finite.min()), float(finite.max())
     if (len(values) <= _FEW or low == high) and len(np.unique(values)) <= LEVELS:
         return values
-    # The integral of the cube root of the histogram. The levels are equally spaced in this integral.
+    # Space the levels equally in the integral of the cube root of the histogram.
     edges = np.linspace(low, high, _BINS + 1)
     count = np.histogram(finite, edges)[0].astype(np.float64)
     integral = np.concatenate([[0], np.cumsum(np.cbrt(count))])
-    # Four of the 256 levels are reserved: one each for minus infinity, plus infinity, the minimum and the
-    # maximum.
+    # Four of the 256 levels are reserved: minus infinity, plus infinity, the minimum and the maximum.
     inner = np.interp(np.linspace(0, integral[-1], 2 * (LEVELS - 4) + 1)[1::2], integral, edges)
     levels = np.unique(np.concatenate([[low], inner, [high]]).astype(np.float32))
     nearest = np.searchsorted((levels[1:] + levels[:-1]) / 2, values)
@@ -84,7 +85,7 @@ def _reorder_along_curve(asset: Asset, buffers: dict[str, NDArray[Any]]) -> None
     corners = positions[indices]
     order = np.argsort(_morton_keys(corners.mean(axis=1)), kind="stable")
     indices = indices[order]
-    # Sort vertices by their first use in the sorted faces; unreferenced vertices come last.
+    # Sort the vertices by their first use in the sorted faces; unused vertices come last.
     used, first = np.unique(indices, return_index=True)
     vertices = np.concatenate([used[np.argsort(first)], np.setdiff1d(np.arange(len(positions)), used)])
     number = np.zeros(len(positions), np.int64)
@@ -105,13 +106,13 @@ def _reorder_along_curve(asset: Asset, buffers: dict[str, NDArray[Any]]) -> None
 def _morton_keys(points: NDArray[np.float32]) -> NDArray[np.uint64]:
     """Return the positions (N,) of points (N, 3) along a Morton curve, with 16 bits per axis.
 
-    The curve fills a box from the 1st to the 99th percentile of each coordinate. So a few distant faces do
-    not reduce the resolution of the curve.
+    The curve fills a box from the 1st to the 99th percentile of each coordinate. A few distant faces cannot
+    reduce the resolution of the curve.
     """
     low, high = np.quantile(points, [0.01, 0.99], axis=0)
     share = np.clip((points - low) / np.maximum(high - low, 1e-30), 0, 1)
     cells = (share * 65535).astype(np.uint64)
-    # Interleave the bits of the three cell coordinates.
+    # Interleave the bits of the three integer coordinates.
     key = np.zeros(len(points), np.uint64)
     for bit in range(16):
         for axis in range(3):
@@ -120,9 +121,7 @@ def _morton_keys(points: NDArray[np.float32]) -> NDArray[np.uint64]:
 
 
 def select_faces(asset: Asset, faces: NDArray[np.integer[Any]]) -> Asset:
-    """Return `asset` with only the faces numbered `faces`, in this order, and with the vertices that they
-    use.
-    """
+    """Return `asset` with only the faces numbered `faces`, in this order, and with their vertices."""
     buffers = dict(asset.buffers)
     indices = buffers["indices"][faces].astype(np.int64)
     vertices, number = np.unique(indices, return_inverse=True)
@@ -141,7 +140,7 @@ def select_faces(asset: Asset, faces: NDArray[np.integer[Any]]) -> Asset:
 
 
 def _with_buffers(asset: Asset, buffers: Mapping[str, NDArray[Any]]) -> Asset:
-    """Return a copy of `asset` with other buffers, read-only, and a manifest that describes them."""
+    """Return a copy of `asset` with read-only buffers, and a manifest for these buffers."""
     specs = {
         name: replace(spec, shape=tuple(buffers[name].shape), dtype=buffers[name].dtype.name)
         for name, spec in asset.manifest.buffers.items()

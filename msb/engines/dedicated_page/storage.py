@@ -1,17 +1,18 @@
-"""Lossless compression of arrays for a page.
+"""Lossless compression of arrays for an HTML page.
 
 An array becomes a head (JSON data) and a zlib stream, which browsers can inflate; web/store.js reads both.
 The key `how` of the head names the encoding of the stream:
 
-- "plain": the values; with `delta` (integers) the differences between consecutive rows, modulo 2^32.
+- "plain": the values. If `delta` is set, integers are stored as differences between consecutive rows, modulo
+  2^32.
 - "palette": for columns with at most 256 distinct values: 8-bit codes of all columns, then 256 values per
   column.
 - "rows": for at most 65,536 distinct rows: codes of the rows, then the distinct rows.
 - "grid": for three float32 columns: 16-bit codes, then an origin and a step for each chunk of 192 rows. The
   values are origin + code * step.
 
-Values and codes are stored column by column, and each column as planes: the first byte of all rows, then the
-second byte, and so on. Similar bytes are then neighbours and compress better.
+Values and codes are stored column by column. A column is stored as planes: the first byte of all rows, then
+the second byte, and so on. Planes compress better, because similar bytes are next to each other.
 """
 
 import zlib
@@ -22,17 +23,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Rows per chunk of "grid": the corners of 64 faces.
+# Rows per chunk in the encoding "grid": the corners of 64 faces.
 CHUNK = 192
 # Number of values per column in the encoding "palette".
 LEVELS = 256
 # Maximum number of distinct rows in the encoding "rows".
 _MAX_ROWS = 1 << 16
-# Number of rows that are tested first. If an encoding cannot store an array, the test of the first rows
-# usually shows it.
+# Number of rows that are tested before the whole array. If an encoding cannot store an array, a test of the
+# first rows usually shows this early.
 _SAMPLE = 4096
 _HIGHEST_CODE = 65535
-# Bits of the mantissa of a float32.
+# Number of bits of the mantissa of a float32.
 _MANTISSA = 23
 
 
@@ -53,7 +54,7 @@ class Stored:
 
 
 def store(array: NDArray[Any]) -> Stored:
-    """Return a compressed array, in the first encoding that can store it.
+    """Compress an array in the first encoding that can store it.
 
     `array` is float32, uint32 or uint8 and has one or two axes.
     """
@@ -75,9 +76,10 @@ def restore(head: Mapping[str, Any], data: bytes) -> NDArray[Any]:
     Raises
     ------
     ValueError
-        The stream has another length, or the encoding is unknown.
+        The stream has a wrong length, or the encoding is unknown.
     """
-    # Limit the output, because a short stream can inflate to a huge size. For zlib, 0 means no limit.
+    # Limit the output, because a short stream can inflate to a huge size. In zlib, a limit of 0 means no
+    # limit.
     raw = zlib.decompressobj().decompress(data, head["bytes"]) if head["bytes"] else b""
     if len(raw) != head["bytes"]:
         raise ValueError(f"the array has {len(raw)} bytes, not {head['bytes']}")
@@ -109,7 +111,7 @@ def restore(head: Mapping[str, Any], data: bytes) -> NDArray[Any]:
 
 
 def _split(table: NDArray[Any]) -> bytes:
-    """Return a table (rows, columns) as bytes: columns one after the other, each as byte planes."""
+    """Return a table (rows, columns) as bytes, column by column, each column as byte planes."""
     rows, columns = table.shape
     size = table.dtype.itemsize
     little = np.ascontiguousarray(table.T.astype(table.dtype.newbyteorder("<"), copy=False))
@@ -118,7 +120,7 @@ def _split(table: NDArray[Any]) -> bytes:
 
 
 def _join(raw: bytes, rows: int, columns: int, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return the table (rows, columns) that `_split` converted to bytes."""
+    """Return the table (rows, columns) from the bytes that `_split` returned."""
     count = rows * columns * dtype.itemsize
     planes = np.frombuffer(raw, np.uint8, count).reshape(columns, dtype.itemsize, rows)
     values = np.ascontiguousarray(planes.transpose(2, 0, 1)).view(dtype.newbyteorder("<"))
@@ -126,7 +128,7 @@ def _join(raw: bytes, rows: int, columns: int, dtype: np.dtype[Any]) -> NDArray[
 
 
 def _as_plain(table: NDArray[Any]) -> tuple[dict[str, Any], list[bytes]]:
-    """Return the encoding "plain" of a table: further keys of the head, and the parts of the stream."""
+    """Encode a table as "plain". Return the keys for the head, and the parts of the stream."""
     if table.dtype != np.uint32:
         return {"how": "plain"}, [_split(table)]
     difference = np.diff(table, axis=0, prepend=np.zeros((1, table.shape[1]), np.uint32))
@@ -167,10 +169,11 @@ def _as_rows(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]] |
 def find_exponents(table: NDArray[np.float32], codes: int) -> NDArray[np.int32]:
     """Return the exponent e of the grid step 2**e for each chunk of rows.
 
-    The exponent is the smallest with two properties: `codes` steps span the values of the chunk, and all
-    multiples of the step in the range of the chunk are float32 values.
+    The exponent is the smallest number that meets two conditions. First, `codes` steps are at least as long
+    as the range of values in the chunk. Second, float32 can represent every multiple of the step within this
+    range exactly.
     """
-    # Chunks (n, 192, columns), the last one padded with its last row.
+    # Chunks (n, 192, columns); the last chunk is padded with its last row.
     chunks = -(-len(table) // CHUNK)
     padded = np.concatenate([table, np.repeat(table[-1:], chunks * CHUNK - len(table), axis=0)])
     parts = padded.reshape(chunks, -1, table.shape[1]).astype(np.float64)
@@ -195,7 +198,7 @@ def _as_grid(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]] |
     codes = np.rint((table.astype(np.float64) - origins[chunk]) / steps[chunk, None])
     if codes.max() > _HIGHEST_CODE:
         return None
-    # Decode and compare the bit patterns.
+    # Decode the table and compare the bit patterns.
     integers = codes.astype(np.uint16)
     restored = origins[chunk] + integers.astype(np.float32) * steps[chunk, None]
     if not np.array_equal(restored.view(np.uint32), table.view(np.uint32)):

@@ -1,9 +1,9 @@
 // Colours of faces or vertices from spherical harmonics.
 
-// Returns max(0.5 + sum_k B_k(d) k_k, 0) with d = (p - c) / |p - c|, as in all methods
-// (GaodeRender/triangle-splatting: submodules/diff-triangle-rasterization-2D/src/forward.cu, and copies of it).
-// A row of f_rest has red, green, blue of coefficient 1, then of coefficient 2, and so on. `row` is relative to the
-// bound part of f_rest.
+// Returns max(0.5 + sum_k B_k(d) k_k, 0) with d = (p - c) / |p - c|, as in all methods (GaodeRender/triangle-splatting:
+// submodules/diff-triangle-rasterization-2D/src/forward.cu, and copies of it).
+// A row of f_rest has red, green, blue of coefficient 1, then of coefficient 2, and so on.
+// `row` is relative to the bound part of f_rest.
 fn term(start: u32, number: u32, basis: f32) -> vec3<f32> {
     let at = start + 3u * number - 3u;
     return basis * vec3<f32>(f_rest[at], f_rest[at + 1u], f_rest[at + 2u]);
@@ -50,6 +50,6 @@ fn color_of(first: vec3<f32>, row: u32, towards: vec3<f32>) -> vec3<f32> {
         sum += term(start, 24u, 0.6258357354491761 * (xx * (xx - 3.0 * yy) - yy * (3.0 * xx - yy)));
     }
     sum += 0.5;
-    // Also applies if the direction is NaN.
+    // The colour is 0 if the direction is NaN.
     return select(vec3<f32>(0.0), sum, sum > vec3<f32>(0.0));
 }

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from msb.engines.hardware.plan import SLOT, Binding, ComputePass, DrawPass, Plan
 from msb.engines.webgpu_adapter import Gpu
 
-# Kind of a `Binding` -> its entry in a bind group layout.
+# The entry in a bind group layout for each kind of `Binding`.
 _LAYOUTS = {
     "uniform": {"buffer": {"type": "uniform"}},
     "read": {"buffer": {"type": "read-only-storage"}},
@@ -23,7 +23,7 @@ _LAYOUTS = {
 # Name of the depth texture of a plan with a z-buffer.
 Z_BUFFER = "z-buffer"
 _DEPTH, _STORED = "depth32float", "r32float"
-# Bytes of a pixel in the output buffer: red, green, blue, alpha and depth, float32.
+# Number of bytes of a pixel in the output buffer: red, green, blue, alpha and depth, float32.
 PIXEL_BYTES = 20
 
 
@@ -41,8 +41,8 @@ class Band:
 def split_into_bands(width: int, height: int, scale: int, side: int, room: int) -> list[Band]:
     """Return the bands that cover a frame of `width` x `height` pixels.
 
-    A band has at most `room` pixels, and at most `side` samples along each axis, at `scale` samples per
-    pixel.
+    A band has at most `room` pixels. Its width and height are at most `side` samples; a pixel has `scale`
+    samples along each axis.
     """
     columns = min(width, side // scale, room)
     rows = max(min(height, side // scale, room // columns), 1)
@@ -61,7 +61,7 @@ def count_pixel_bytes(bands: list[Band]) -> int:
 
 
 class DevicePlan:
-    """A plan with its buffers and compiled pipelines on a device."""
+    """A frame plan with its buffers and compiled pipelines on a device."""
 
     def __init__(self, gpu: Gpu, plan: Plan) -> None:
         self._gpu, self._plan, device = gpu, plan, gpu.device
@@ -83,7 +83,7 @@ class DevicePlan:
                 layout = self._make_layout(step.bindings)
                 compiled[key] = layout, self._make_pipeline(step, layout)
             self._pipelines.append(compiled[key])
-        # (Number of the step, number of the band) -> bind group.
+        # The bind group for each pair (step number, band number).
         self._groups: dict[tuple[int, int], Any] = {}
 
     def _make_layout(self, bindings: Iterable[Binding]) -> Any:
@@ -137,11 +137,11 @@ class DevicePlan:
         )
 
     def set_bands(self, bands: list[Band]) -> None:
-        """Create the textures and buffers for frames with these bands; the first band must be the largest."""
+        """Create the textures and buffers for frames with these bands, the largest band first."""
         self.bands = bands
         self._groups = {key: group for key, group in self._groups.items() if key[0] < len(self._plan.passes)}
-        # The uniform buffer has a slot for each band, with x, y, width, height, and the number of the first
-        # output value.
+        # The uniform buffer has a slot for each band: x, y, width, height, and the number of the first output
+        # value.
         rows = np.zeros((len(bands), SLOT // 4), np.uint32)
         for row, band in zip(rows, bands, strict=True):
             row[:5] = band.x, band.y, band.width, band.height, band.offset // 4
@@ -156,7 +156,7 @@ class DevicePlan:
             gpu.texture(name, width, height, form, "texture_binding", usage)
 
     def _targets(self) -> dict[str, str]:
-        """Return the textures that the passes of a band write: a mapping from names to formats."""
+        """Return the formats, by name, of the textures that the passes of a band write."""
         formats: dict[str, str] = {}
         for step in self._plan.band_passes:
             if isinstance(step, DrawPass):
@@ -194,7 +194,8 @@ class DevicePlan:
         }
 
     def stages(self) -> list[tuple[str, list[tuple[int, int]]]]:
-        """Return the stages of a frame in order. Each stage has a list of steps (number, band)."""
+        """Return the stages of a frame in order. A stage is its name and a list of pairs (step number, band
+        number)."""
         first = len(self._plan.passes)
         order = [(number, 0) for number in range(first)]
         order += [(number, k) for k in range(len(self.bands)) for number in range(first, len(self._steps))]
@@ -205,12 +206,12 @@ class DevicePlan:
     def encode(
         self, encoder: Any, steps: list[tuple[int, int]], timed: tuple[Any, int, int] | None = None
     ) -> None:
-        """Encode the steps of one entry of `stages`.
+        """Encode the steps of one stage.
 
-        `timed` is a query set and the numbers of its queries for the start and the end. Consecutive compute
+        `timed` is a query set with the numbers of the start query and the end query. Consecutive compute
         steps share a compute pass; every draw step is a separate render pass.
         """
-        # Group the steps into passes.
+        # Group the steps into compute and render passes.
         passes: list[list[tuple[int, int]]] = []
         for number, band in steps:
             if not passes or DrawPass in (type(self._steps[number]), type(self._steps[passes[-1][0][0]])):
@@ -282,6 +283,6 @@ class DevicePlan:
         return np.frombuffer(self._gpu.device.queue.read_buffer(buffer), np.uint8)
 
     def close(self) -> None:
-        """Drop all references to objects of the device, because they prevent its release."""
+        """Drop all references to objects of the device, because references prevent their release."""
         for references in (self._groups, self._pipelines, self._modules):
             references.clear()

@@ -1,10 +1,16 @@
-// Draws a quad for each face: from front to back with blending, or (Z_BUFFER) in the order of the asset with a z-buffer.
-// The file of the method comes before this one. It defines `Face` and, for blending, `cover`. For a z-buffer it defines
-// `place_of`, `number_of` and `outline`; `outline` moves the corners of the quad, for example to draw a triangle.
+// Draws a quad for each face.
+// With blending, quads are drawn from front to back.
+// With a z-buffer (Z_BUFFER), quads are drawn in the order of the asset.
+// The file of the method precedes this file and defines `Face`.
+// For blending, the file of the method also defines `cover`.
+// For a z-buffer, the file of the method defines `place_of`, `number_of` and `outline`.
+// The function `outline` moves the corners of the quad, for example to draw a triangle.
 //
-// The quad's corners lie on the borders between samples, half a sample from the nearest sample centre, so rounding in
-// the hardware does not change the set of samples. The members of `Face` are vertex attributes with one value per
-// instance, and reach the fragment stage unchanged (flat). This file reads no storage buffers, whose number is limited.
+// The quad's corners lie on the borders between samples, half a sample from the nearest sample centre.
+// Rounding in the hardware therefore does not change the set of samples.
+// The members of `Face` are vertex attributes with one value per instance.
+// The attributes reach the fragment stage unchanged (flat).
+// This file reads no storage buffers, whose number is limited.
 #include "band.wgsl"
 @group(0) @binding(1) var<uniform> band: Band;
 
@@ -53,8 +59,9 @@ fn nearest(between: Between) -> Nearest {
 }
 #else
 
-// The colour is premultiplied. The target's alpha is 1 - T, where T is the transmittance. For the first faces of a
-// sample 1 - T is near 0, where half floats are most precise.
+// The colour is premultiplied.
+// The target's alpha is 1 - T, where T is the transmittance.
+// For the first faces of a sample 1 - T is near 0, where half floats are most precise.
 struct Targets {
     @location(0) image: vec4<f32>,
 #if DEPTH
@@ -63,11 +70,13 @@ struct Targets {
 }
 #if STOPS
 
-// Stopping of samples: officially a face that would reduce the transmittance T below STOP is skipped, and the sample
-// is complete. Hardware cannot read T while it blends, so faces are drawn in chunks, and a fragment knows only T at the
-// start of its chunk. This value is at least the current T, so every face that is skipped here is officially skipped,
-// too. Instead of this face, the background is blended with alpha 1. It fills the sample, so the hardware multiplies
-// all later faces of the sample by 0.
+// Stopping of samples: if a face would reduce the transmittance T below STOP, the official renderer skips the face.
+// The sample is then complete.
+// Hardware cannot read T while it blends, so faces are drawn in chunks.
+// A fragment only knows T at the start of its chunk.
+// The T of the fragment is at least the current T, so the official renderer skips the same faces, and possibly more.
+// Instead of a skipped face, the background is blended with alpha 1.
+// The background fills the sample, so the hardware multiplies all later faces of the sample by 0.
 @group(0) @binding(2) var covered: texture_2d<f32>; // 1 - T
 #endif
 

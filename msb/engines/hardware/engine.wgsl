@@ -1,10 +1,12 @@
-// The sampling of triangles in game engines: the rasterisation rules of graphics hardware, with the order of operations
-// of msb/reference/engine.py. The file of a method includes this one if ENGINE is defined.
+// The sampling of triangles in game engines, by the rasterisation rules of graphics hardware.
+// The order of operations is that of msb/reference/engine.py.
+// The file of a method includes this file if ENGINE is defined.
 //
-// A quad is drawn, and a sample belongs to the triangle if all three values (barycentric coordinate / depth) are
-// positive. These values and 1 / depth are affine on the screen, and all three are negative for points behind the
-// camera. The triangle therefore needs no clipping, and the result does not depend on how hardware clips, snaps corners
-// or breaks ties at edges.
+// A quad is drawn.
+// A sample belongs to the triangle if all three values (barycentric coordinate / depth) are positive.
+// These values and 1 / depth are affine on the screen, and all three are negative for points behind the camera.
+// The triangle therefore needs no clipping.
+// The result does not depend on how hardware clips, snaps corners or breaks ties at edges.
 
 const ENGINE_NEAR = 0.01;
 const ENGINE_SLACK = 0.1; // margin of the box around the corners in samples, larger than rounding errors
@@ -16,8 +18,10 @@ struct EngineTriangle {
     depth: f32,
     samples: vec4<i32>,
     weight: vec3<f32>,
-    // Coefficients of four affine functions of a sample's x and y. Three are barycentric coordinates over depth, times
-    // `weight`, so that the least of them times the depth is 1 at the centre. The fourth is 1 / depth.
+    // Coefficients of four affine functions of a sample's x and y.
+    // Three functions are barycentric coordinates / depth, times `weight`.
+    // At the centre, the smallest of the three values is 1 / depth.
+    // The fourth function is 1 / depth.
     along_x: vec4<f32>,
     along_y: vec4<f32>,
     constant: vec4<f32>,
@@ -66,7 +70,8 @@ fn engine_box(p: array<vec3<f32>, 3>) -> vec4<i32> {
     return box_of(low - ENGINE_SLACK, high + ENGINE_SLACK);
 }
 
-// Projects a triangle. Its window function is 1 at the incentre if `incentre` is true, else at the centroid.
+// Projects a triangle.
+// The window function is 1 at the incentre if `incentre` is true, else at the centroid.
 fn project_engine(corners: array<vec3<f32>, 3>, incentre: bool) -> EngineTriangle {
     var t: EngineTriangle;
     let p = array<vec3<f32>, 3>(to_camera(corners[0]), to_camera(corners[1]), to_camera(corners[2]));
@@ -82,14 +87,14 @@ fn project_engine(corners: array<vec3<f32>, 3>, incentre: bool) -> EngineTriangl
     }
     set_line(3, normal, div(1.0, volume), &t);
     let z = affine(view.world_to_camera[2], center_of(corners[0], corners[1], corners[2]));
-    t.depth = select(0.0, z, z > 0.0); // keys are the bits of non-negative numbers
+    t.depth = select(0.0, z, z > 0.0); // sort keys are the bits of non-negative numbers
     t.samples = engine_box(p);
     // The smallest normal float32; 1 / volume would overflow for smaller values.
     t.seen = abs(volume) >= 1.17549435e-38 && t.samples.z >= t.samples.x && t.samples.w >= t.samples.y;
     return t;
 }
 
-// Returns the tiles of a face: all tiles with one of its samples.
+// Returns the tiles that contain a sample of the face.
 fn engine_tiles(samples: vec4<i32>) -> vec4<i32> {
     return vec4<i32>(samples.xy / 16, samples.zw / 16 + 1);
 }
@@ -97,9 +102,9 @@ fn engine_tiles(samples: vec4<i32>) -> vec4<i32> {
 
 struct Fragment {
     inside: bool,
-    phi: f32,        // 0 on the edges, 1 at the centre
+    phi: f32,        // window function: 0 on the edges, 1 at the centre
     depth: f32,
-    over: vec3<f32>, // barycentric coordinates over depth, weighted
+    over: vec3<f32>, // barycentric coordinates / depth, weighted
 }
 
 fn fragment_of(along_x: vec4<f32>, along_y: vec4<f32>, constant: vec4<f32>, x: f32, y: f32) -> Fragment {

@@ -1,9 +1,11 @@
 // Arithmetic with the roundings of the official kernels, protected from compiler optimisations.
 //
-// WGSL allows a compiler to fuse products into sums, and some compilers also reorder sums. A depth key, an edge distance
-// or a tile rectangle then differs in its last bit. As a result, a face is blended in another order, or is missing in a
-// whole tile. `keep` prevents this: it computes the exclusive or of a value and a 0 from the uniform buffer. The
-// compiler does not know that this is 0, so it must compute and round the value at this point.
+// WGSL allows a compiler to fuse products into sums, and some compilers also reorder sums.
+// A depth key, an edge distance or a tile rectangle then differs in its last bit.
+// As a result, a face is blended in another order, or is missing in a whole tile.
+// `keep` prevents such errors.
+// The function computes the exclusive or of a value and a 0 from the uniform buffer.
+// The compiler cannot know the 0, so it must compute and round the value at this point.
 #include "view.wgsl"
 
 fn keep(x: f32) -> f32 { return bitcast<f32>(bitcast<u32>(x) ^ view.zero); }
@@ -15,8 +17,9 @@ fn keep4(x: vec4<f32>) -> vec4<f32> { return bitcast<vec4<f32>>(bitcast<vec4<u32
 fn mul(a: f32, b: f32) -> f32 { return keep(a * b); }
 fn add(a: f32, b: f32) -> f32 { return keep(a + b); }
 
-// Returns the rounding error of the product p of a and b. Each factor is split into its upper and lower twelve bits,
-// whose products are exact (Dekker). The fma of WGSL cannot be used because it may round twice.
+// Returns the rounding error of the product p of a and b.
+// Each factor is split into its upper and lower twelve bits, whose products are exact (Dekker).
+// The fma of WGSL cannot be used because it may round twice.
 fn product_error(a: f32, b: f32, p: f32) -> f32 {
     let ah = bitcast<f32>(bitcast<u32>(a) & 0xfffff000u);
     let bh = bitcast<f32>(bitcast<u32>(b) & 0xfffff000u);
@@ -25,8 +28,9 @@ fn product_error(a: f32, b: f32, p: f32) -> f32 {
     return add(add(add(keep(mul(ah, bh) - p), mul(ah, bl)), mul(al, bh)), mul(al, bl));
 }
 
-// In WGSL a division may have an error of 2.5 units in the last place, a square root even more. The remainder is
-// computed exactly and divided again, which gives the correctly rounded result unless there is an overflow or underflow.
+// In WGSL a division may have an error of 2.5 units in the last place, a square root even more.
+// The remainder is computed exactly and divided again.
+// The quotient is then correctly rounded, except for overflow or underflow.
 fn div(a: f32, b: f32) -> f32 {
     let q = keep(a / b);
     let p = mul(q, b);
@@ -42,11 +46,12 @@ fn root(a: f32) -> f32 {
     return select(s, better, a > 1e-25 && a < 1e25);
 }
 
-// Returns the second argument if one is NaN. (The min and max of WGSL are undefined for NaN.)
+// The two functions below return b if a or b is NaN.
+// (The functions min and max of WGSL are undefined for NaN.)
 fn lesser(a: f32, b: f32) -> f32 { return select(b, a, a < b); }
 fn greater(a: f32, b: f32) -> f32 { return select(b, a, a > b); }
 
-// ---- vectors; components are added from the first to the last
+// ---- vectors; sums add the components from the first to the last
 
 fn dot2(a: vec2<f32>, b: vec2<f32>) -> f32 { return add(mul(a.x, b.x), mul(a.y, b.y)); }
 fn cross2(a: vec2<f32>, b: vec2<f32>) -> f32 { return keep(mul(a.x, b.y) - mul(a.y, b.x)); }
@@ -76,8 +81,9 @@ fn rotate_to_camera(v: vec3<f32>) -> vec3<f32> {
                      dot3(view.world_to_camera[2].xyz, v));
 }
 
-// Returns ((ndc + 1) size - 1) / 2: the centre of pixel i is the integer i. The official code computes this in double
-// precision and rounds once; here it is the sum of two floats, with the rounding errors of product and sum.
+// Returns ((ndc + 1) size - 1) / 2: the centre of pixel i is the integer i.
+// The official code computes this in double precision and rounds once.
+// Here the result is the sum of two floats, with the rounding errors of product and sum.
 fn to_sample(ndc: f32, size: u32) -> f32 {
     let n = f32(size);
     let m = n - 1.0;
@@ -97,17 +103,18 @@ fn tile_number(value: f32, limit: u32) -> i32 {
     return i32(floor(select(f32(limit), low, low < f32(limit))));
 }
 
-// Returns the same integer, but rounded up.
+// Returns the integer of `tile_number`, but rounded up.
 fn tile_after(value: f32, limit: u32) -> i32 {
     let low = select(0.0, value, value > 0.0);
     return i32(ceil(select(f32(limit), low, low < f32(limit))));
 }
 
-// Returns the box of the samples in [low, high], clamped to the raster; both ends are inclusive. NaN gives all samples.
+// Returns the box of the samples in [low, high], clamped to the raster; both ends are inclusive.
+// NaN gives all samples.
 fn box_of(low: vec2<f32>, high: vec2<f32>) -> vec4<i32> {
     let w = f32(view.width) - 1.0;
     let h = f32(view.height) - 1.0;
-    // A lower end outside the raster stands for an empty box.
+    // A lower end outside the raster means an empty box.
     let x0 = select(0.0, select(w + 1.0, low.x, low.x < w), low.x > 0.0);
     let y0 = select(0.0, select(h + 1.0, low.y, low.y < h), low.y > 0.0);
     let x1 = select(w, select(-1.0, high.x, high.x >= 0.0), high.x < w);

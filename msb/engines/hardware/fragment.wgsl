@@ -1,4 +1,5 @@
-// The result of a method's function `cover` for a face at a sample. Samples with an alpha below MIN_ALPHA are not drawn.
+// The result of a method's function `cover` for a face at a sample.
+// Samples with an alpha below MIN_ALPHA are not drawn.
 const MIN_ALPHA = 1.0 / 255.0;
 
 struct Seen {

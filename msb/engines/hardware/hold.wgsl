@@ -1,5 +1,7 @@
-// Runs before each chunk of faces: copies the coverage 1 - T of the samples of a band (T is the transmittance) from
-// the alpha of `image` to `covered`, because fragments of the next chunk cannot read their own target.
+// Runs before each chunk of faces.
+// The pass copies the coverage 1 - T of the samples of a band from the alpha of `image` to `covered`.
+// T is the transmittance.
+// The copy is needed because fragments of the next chunk cannot read their own target.
 #include "band.wgsl"
 @group(0) @binding(1) var<uniform> band: Band;
 @group(0) @binding(2) var image: texture_2d<f32>;

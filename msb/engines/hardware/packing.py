@@ -20,7 +20,7 @@ from msb.render.surface import Surface
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
-# The struct `View` of view.wgsl, without the members of the method. The members of the method follow in the
+# The common members of the struct `View` in view.wgsl. The members of the method follow directly in the
 # buffer.
 VIEW = np.dtype(
     [
@@ -42,7 +42,7 @@ VIEW = np.dtype(
 
 @dataclass(frozen=True)
 class Packed:
-    """The data of an asset for the shaders.
+    """The arrays and definitions of an asset for the shaders.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Packed:
         `positions`, `coverage`, and for indexed meshes `indices`. For blended methods also the spherical
         harmonics `f_dc` and `f_rest` (a single zero at degree 0).
     surface : Surface, optional
-        Equal to `model` if the model is drawn with a z-buffer, else None.
+        The same object as `model` if the model is drawn with a z-buffer, else None.
     degree : int
         Degree of the spherical harmonics.
     rest_stride : int
@@ -62,7 +62,7 @@ class Packed:
     scale : int
         Samples per pixel along each axis.
     pixel_samples : (int, int)
-        A pixel is the average of these samples along each axis: the first and the last one, inclusive.
+        The first and the last sample along each axis, both inclusive, whose average is a pixel.
     defines : mapping
         Definitions for the preprocessor of the WGSL.
     """
@@ -86,7 +86,7 @@ class Packed:
     def view_bytes(self, camera: Camera, background: Color) -> bytes:
         """Return the uniform buffer of a camera: `VIEW`, then the method's members, padded to 16 bytes."""
         model, common = self.model, {"degree": self.degree}
-        origin = np.zeros(3, np.float32)  # the centre of the model is used for culling only
+        origin = np.zeros(3, np.float32)  # the centre of the model is only used for culling
         view = make_view(
             camera, model.near, model.far, self.scale, common, model.method_values, CLIPPED, origin
         )
@@ -122,7 +122,7 @@ def pack(asset: Asset, settings: Mapping[str, Any] | None) -> Packed:
 
 
 def make_native_model(asset: Asset, values: Mapping[str, Any]) -> SplatModel | Surface:
-    """Return the model of the native rendering with the settings `values`. Errors are those of `pack`."""
+    """Return the model of the native rendering. `values` are the settings; the errors are those of `pack`."""
     native: Any = role(asset.manifest.method, "native")
     return (
         native.surface_model(asset, values) if hasattr(native, "surface_model") else make_model(asset, values)
@@ -130,7 +130,7 @@ def make_native_model(asset: Asset, values: Mapping[str, Any]) -> SplatModel | S
 
 
 def _pack_splats(asset: Asset, values: Mapping[str, Any]) -> Packed:
-    """Return the data of a method that blends its faces."""
+    """Return the arrays of a method that blends its faces."""
     model = make_model(asset, values)
     faces, vertices = asset.manifest.face_count, len(model.positions)
     f_dc, f_rest = sh_buffers(asset, vertices if model.vertex_colors else faces)
@@ -156,7 +156,7 @@ def _pack_splats(asset: Asset, values: Mapping[str, Any]) -> Packed:
 
 
 def _pack_surface(asset: Asset, values: Mapping[str, Any]) -> Packed:
-    """Return the data of a method that draws an opaque surface with a z-buffer."""
+    """Return the arrays of a method that draws an opaque surface with a z-buffer."""
     native: Any = role(asset.manifest.method, "native")
     surface: Surface = native.surface_model(asset, values)
     names = ("positions", "indices", "coverage")

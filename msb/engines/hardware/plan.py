@@ -1,4 +1,4 @@
-"""The passes and buffers of a frame as plain data, which both wgpu-py and a browser's WebGPU execute."""
+"""The passes and buffers of a frame as plain data, which wgpu-py and a browser's WebGPU execute."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -6,19 +6,20 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-# Bytes between entries of a uniform buffer that are bound separately; WebGPU requires multiples of 256.
+# Number of bytes between separately bound entries of a uniform buffer; WebGPU requires multiples of 256.
 SLOT = 256
-# Factors of source and target for blending from front to back with premultiplied colours.
+# Blend factors of source and target for blending from front to back with premultiplied colours.
 FRONT_TO_BACK = "one-minus-dst-alpha", "one"
 
 
 @dataclass(frozen=True)
 class Binding:
-    """A binding of group 0: a texture, or `size` bytes of a buffer from `offset` on (None: up to its end).
+    """A binding of group 0: a texture or a range of a buffer. The range has `size` bytes from `offset` on;
+    without `size`, it is the whole buffer.
 
-    `kind` is "uniform", "read" or "write" for buffers, "texture" for a float texture, "numbers" for a texture
-    of uint32, and "store" for a texture that is written (r32float). If `per_band` is true, the offset depends
-    on the band.
+    A buffer has the `kind` "uniform", "read" or "write". A texture has the `kind` "texture" (float),
+    "numbers" (uint32), or "store" (written as r32float). If `per_band` is true, every band has a different
+    offset.
     """
 
     number: int
@@ -33,9 +34,9 @@ class Binding:
 class ComputePass:
     """A compute dispatch of the entry point `entry`.
 
-    `groups` is the number of workgroups. If `groups` is None, the number is read at byte `indirect` of the
-    buffer `arguments`. If `groups` and `indirect` are None, each pixel of the band gets one invocation. A
-    workgroup then has 64 pixels of a row.
+    `groups` is the number of workgroups. If `groups` is None, the GPU reads the number at byte `indirect` of
+    the buffer `arguments`. If `groups` and `indirect` are both None, the pass has one invocation per pixel of
+    the band. A workgroup of such a pass has 64 pixels of a row.
     """
 
     stage: str
@@ -54,39 +55,39 @@ class DrawPass:
     module: str
     bindings: tuple[Binding, ...]
     targets: tuple[str, ...]
-    # Buffers of records, and the byte offset of their draw arguments in `arguments`.
+    # The record buffers, each with the byte offset of its draw arguments in the buffer `arguments`.
     records: tuple[tuple[str, int], ...]
-    # Number of vec4 members of a record; they are vertex attributes at locations 0, 1, ...
+    # Number of vec4 members of a record; each member is a vertex attribute, at locations 0, 1, ...
     members: int
-    # Load operation of the targets: "clear" or "load".
+    # Load operation of the render targets: "clear" or "load".
     load: str = "clear"
-    # Keep the nearest face (entry point `nearest`) instead of blending (entry point `blend`).
+    # Whether to keep the nearest face (entry point `nearest`) instead of blending (entry point `blend`).
     z_buffer: bool = False
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The passes of a frame: `passes` run once, `band_passes` run for each band of the frame."""
+    """The passes of a frame: `passes` run once, and `band_passes` run for each band of the frame."""
 
     # Name -> WGSL.
     modules: Mapping[str, str]
-    # Name of a buffer -> its size in bytes and its usages.
+    # The size in bytes and the usages of each buffer, by name.
     buffers: Mapping[str, tuple[int, tuple[str, ...]]]
-    # Name of a buffer -> its content, if it is uploaded only once.
+    # The content of each buffer that is uploaded only once, by name.
     data: Mapping[str, NDArray[Any]]
     passes: tuple[ComputePass, ...]
     band_passes: tuple[DrawPass | ComputePass, ...]
-    # Texture format of the targets of draw passes. Targets have the size of a band in samples.
+    # Texture format of the render targets. Render targets have the size of a band in samples.
     format: str
     # Samples per pixel along each axis.
     scale: int
     # Blend factors (source, target) of colour and of alpha.
     blend: tuple[tuple[str, str], tuple[str, str]] = (FRONT_TO_BACK, FRONT_TO_BACK)
-    # Initial alpha of the targets; the initial colours are 0.
+    # Initial alpha of the render targets; the initial colours are 0.
     clear: float = 0.0
 
     def record(self) -> dict[str, Any]:
-        """Return the plan without `data` as JSON data, for the browser page."""
+        """Return the plan without `data` as JSON data for the browser page."""
         return {key: value for key, value in asdict(replace(self, data={})).items() if key != "data"}
 
 
@@ -100,5 +101,5 @@ class Limits:
 
     @property
     def storage(self) -> int:
-        """Maximum bytes of a buffer that is bound as storage."""
+        """Maximum number of bytes of a buffer that is bound as storage."""
         return min(self.binding, self.buffer)

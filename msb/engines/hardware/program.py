@@ -1,15 +1,16 @@
-"""Creation of the plan for an asset's frames: WGSL modules, buffers, and passes.
+"""Creates the plan for an asset's frames: WGSL modules, buffers, and passes.
 
 A frame of a blended method has these stages:
 
 1. project: compute the depth key of every face, and the colours of faces or vertices.
 2. sort: a radix sort of the visible faces by key, front to back.
-3. records: write the record of each face (its input of the fragment shader), in sorted order.
+3. records: write the data of each face for the fragment shader (its "record"), in sorted order.
 4. blend: draw a quad for each record into the targets, in chunks of faces.
 5. resolve: average samples to pixels and add the background.
 
-A method with an opaque surface needs no sorted order. Instead of blending, "raster" finds the nearest face of
-each pixel with a z-buffer, and "decode" computes its appearance.
+A method with an opaque surface does not need a sorted order. Its frames have the stages "raster" and "decode"
+instead of "blend". The stage "raster" finds the nearest face of each pixel with a z-buffer, and "decode"
+computes the appearance of this face.
 """
 
 import re
@@ -27,31 +28,32 @@ from msb.errors import DeviceError
 from msb.registry import Order, Sampling
 from msb.render.surface import Surface
 
-# Invocations per workgroup of the stages that process faces; equals @workgroup_size in project.wgsl.
+# Invocations per workgroup of the stages that process faces. @workgroup_size in project.wgsl is equal.
 _GROUP = 64
-# Maximum number of workgroups along an axis that WebGPU guarantees.
+# Largest number of workgroups along an axis that WebGPU guarantees.
 _MAX_GROUPS = 65535
-# Items per workgroup of the radix sort, and bits per digit and key; sort.wgsl has arrays of these sizes.
+# Items per workgroup of the radix sort, bits per digit, and bits per key; sort.wgsl has arrays of these
+# sizes.
 _BLOCK = 2048
 _DIGIT_BITS = 4
 _KEY_BITS = 32
-# Some methods stop a sample: once its transmittance is below a threshold, they skip the remaining faces. For
-# such a method the faces are drawn in this number of chunks. Here the transmittance is known only between
-# chunks, so more chunks are more accurate and slower. With 32 all golden views have at least 70 dB;
-# docs/dedicated.md has measurements.
+# In some methods, a sample is complete once its transmittance falls below a threshold. A complete sample
+# ignores the remaining faces. If a method stops samples, its faces are drawn in this number of chunks.
+# Hardware blending reveals the transmittance only between chunks. Blending in more chunks is more accurate,
+# but slower. With 32 chunks all golden views have at least 70 dB; docs/dedicated.md has measurements.
 STOPS = 32
 _STOPS_EARLY = re.compile(r"^const STOP = ", re.MULTILINE)
 _TYPES = {"float32": "f32", "int32": "i32", "uint32": "u32"}
 
 
 class _Planner:
-    """Collects the buffers of a plan and checks that the limits of the device `name` allow them."""
+    """Collects the buffers of a plan, and checks the limits of the device `name`."""
 
     def __init__(self, packed: Packed, limits: Limits, name: str) -> None:
         self.packed, self.limits, self.name = packed, limits, name
         self.buffers: dict[str, tuple[int, tuple[str, ...]]] = {}
         self.data: dict[str, NDArray[Any]] = {}
-        # Content of the uniform buffer `parts`: first row and number of rows of each part.
+        # Content of the uniform buffer `parts`: the first row and the number of rows of each part.
         self.parts: list[tuple[int, int]] = []
 
     def buffer(self, name: str, size: int, *usages: str) -> None:
@@ -59,7 +61,10 @@ class _Planner:
         size = max(-(-size // 16) * 16, 16)
         limit = self.limits.storage if "storage" in usages else self.limits.buffer
         if size > limit:
-            text = f"this asset needs a buffer of {size:,} bytes for {name}; {self.name} allows {limit:,}"
+            text = (
+                f"this asset needs a buffer of {size:,} bytes for {name}, but {self.name} allows only "
+                f"{limit:,}"
+            )
             raise DeviceError("DEVICE_MEMORY", text)
         self.buffers[name] = size, usages
 
@@ -69,12 +74,12 @@ class _Planner:
         self.data[name] = array
 
     def part(self, first: int, count: int) -> Binding:
-        """Return a uniform binding that tells a dispatch its first row and its number of rows."""
+        """Return a uniform binding with the first row and the number of rows of a dispatch."""
         self.parts.append((first, count))
         return Binding(1, "uniform", "parts", SLOT * (len(self.parts) - 1), 16)
 
     def model(self) -> list[Binding]:
-        """Return the bindings of the camera and the geometry, which all stages over faces read."""
+        """Return the bindings of the camera and the geometry, which all stages that process faces read."""
         names = {2: "positions", 3: "indices", 4: "coverage"}
         if self.packed.soup:
             del names[3]
@@ -96,7 +101,7 @@ def make_plan(
     depth: bool = True,
     debug: bool = False,
 ) -> Plan:
-    """Return the plan of an asset's frames.
+    """Return the plan for frames of an asset.
 
     Parameters
     ----------
@@ -109,7 +114,7 @@ def make_plan(
     form : str
         Texture format of the blended targets.
     stops : int
-        Number of chunks of faces, for methods that stop samples (see `STOPS`); with 1 no sample stops.
+        Number of chunks of faces, for methods that stop samples (see `STOPS`); with 1 chunk no sample stops.
     depth : bool
         Whether to compute a depth image.
     debug : bool
@@ -124,7 +129,8 @@ def make_plan(
     surface = packed.surface
     lattices: dict[str, bool | int | str] = {}
     if surface is not None:
-        order, form = "none", "r32uint"  # a z-buffer needs no order, and its target holds face numbers
+        # the z-buffer finds the nearest face in any order; the target holds face numbers
+        order, form = "none", "r32uint"
         as_bytes = surface.features.dtype == np.uint8
         lattices = {"SIDE": 1 << surface.level, "BYTES": as_bytes, "TEXEL": "u32" if as_bytes else "f32"}
     defines: dict[str, bool | int | str] = {
@@ -149,7 +155,7 @@ def make_plan(
     def text(*files: str, **more: bool | int | str) -> str:
         return assemble(files, model.package, {**defines, **more})
 
-    # Names of the vec4 members in the method's record of a face.
+    # Names of the vec4 members in the method's per-face data ("record").
     members = find_face_members(text(method_file))
     record_bytes = 16 * len(members)
     modules = {
@@ -167,8 +173,8 @@ def make_plan(
         del modules["resolve"]
     elif not packed.soup:
         modules["shade"] = text(method_file, "project.wgsl", COMPUTE=True, COLORING=True, SHADING=True)
-    # Records are split into chunks (to stop samples) and parts (to respect the limit of a buffer). Every pair
-    # of chunk and part has a buffer.
+    # Records are divided into chunks, between which samples can stop. A chunk is divided into parts, which
+    # fit into one buffer each. Each part of each chunk has its own buffer.
     parts, room = _split_records(planner, record_bytes, chunks)
     passes = [*_plan_projection(planner, debug), *_plan_sorting(planner, order, chunks, parts)]
     last = "faces a" if order == "none" else "faces b"
@@ -213,8 +219,8 @@ def _plan_blending(
 ) -> tuple[DrawPass | ComputePass, ...]:
     """Return the passes of a band that blend faces and average samples to pixels.
 
-    If there are several chunks, the pass "hold" before each chunk copies the alpha of samples to the texture
-    `covered`. The draw pass of the chunk reads this texture and skips samples that are already opaque.
+    With several chunks, the pass "hold" runs before each chunk and copies the alpha of the samples to the
+    texture `covered`. The draw pass of the chunk reads `covered` and skips opaque samples.
     """
     textures = tuple(Binding(2 + k, "texture", target) for k, target in enumerate(targets))
     resolve = ComputePass("resolve", "resolve", "resolve", (VIEW_BINDING, _BAND, *textures, _PIXELS))
@@ -236,8 +242,8 @@ def _plan_z_buffer(
 ) -> tuple[DrawPass | ComputePass, ...]:
     """Return the passes of a band that find the nearest face of each pixel and compute its appearance.
 
-    If the feature lattices exceed the limit of a binding, they are split into parts. All faces are drawn and
-    all pixels are decoded once for each part, but only the faces of this part have an effect.
+    Feature lattices that exceed the limit of a binding are split into parts. Each part draws all faces and
+    decodes all pixels, but changes only pixels that show its own faces.
     """
     planner.upload("decoder", surface.decoder, "uniform")
     steps: list[DrawPass | ComputePass] = []
@@ -261,9 +267,7 @@ def _plan_z_buffer(
 
 
 def _upload_parts(planner: _Planner, name: str, lattices: NDArray[Any]) -> Iterator[tuple[str, Binding]]:
-    """Upload the lattices of faces (F, ...) in parts that fit a binding; yield the name and the rows of each
-    part.
-    """
+    """Upload the feature lattices (F, ...) in parts that fit a binding; yield name and rows of each part."""
     room = planner.limits.storage // lattices[0].nbytes
     parts = _split_range(len(lattices), max(room, 1))
     for number, (first, count) in enumerate(parts):
@@ -288,15 +292,15 @@ def _define_between(members: list[str]) -> dict[str, str]:
 def _plan_projection(planner: _Planner, debug: bool) -> list[ComputePass]:
     """Return the passes that compute the key of every face, and the colours of faces or vertices.
 
-    The spherical harmonics `f_rest` may be split into parts that fit a binding. Each part has its own
-    dispatch.
+    The spherical harmonics `f_rest` may be split into parts that fit a binding. Each part of the spherical
+    harmonics has a separate dispatch.
     """
     packed = planner.packed
     colors = "f_dc" in packed.arrays
     for name, array in packed.arrays.items():
         if name != "f_rest":
             planner.upload(name, array)
-    colored = packed.faces if packed.soup else packed.vertices  # rows with a colour
+    colored = packed.faces if packed.soup else packed.vertices  # number of rows with a colour
     planner.buffer("keys", 4 * packed.faces, "storage", "copy_src")
     if colors:
         planner.buffer("colors", 12 * colored, "storage")
@@ -332,8 +336,8 @@ def _plan_projection(planner: _Planner, debug: bool) -> list[ComputePass]:
 def _plan_sorting(planner: _Planner, order: Order, chunks: int, parts: int) -> list[ComputePass]:
     """Return the passes of the radix sort by depth key.
 
-    Each digit takes three passes: count the digits of each block, scan the counts, and move keys and face
-    numbers. With order "none" there is one step without digits, which removes the culled faces.
+    Each digit needs three passes: count the digits of each block, scan the counts, and move keys and face
+    numbers. With order "none" there is a single step without digits, which removes the culled faces.
     """
     faces = planner.packed.faces
     blocks = max(-(-faces // _BLOCK), 1)
@@ -365,7 +369,7 @@ def _plan_sorting(planner: _Planner, order: Order, chunks: int, parts: int) -> l
 
 
 def _split_records(planner: _Planner, record_bytes: int, chunks: int) -> tuple[int, int]:
-    """Return the number of record buffers of a chunk, and the maximum number of records in each of them."""
+    """Return the number of record buffers of a chunk, and the maximum number of records per buffer."""
     most = planner.limits.storage // record_bytes // _GROUP * _GROUP
     chunk = max(-(-planner.packed.faces // chunks), 1)
     parts = -(-chunk // max(min(most, _GROUP * _MAX_GROUPS), 1))
@@ -373,12 +377,12 @@ def _split_records(planner: _Planner, record_bytes: int, chunks: int) -> tuple[i
 
 
 def _split_range(count: int, most: int) -> list[tuple[int, int]]:
-    """Split `count` rows into consecutive parts of at most `most` rows; return (first, length) of each."""
+    """Split `count` rows into parts of at most `most` rows; return (first, length) of each part."""
     return [(first, min(most, count - first)) for first in range(0, count, most)]
 
 
 def _pad_to_slots(rows: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """Return the content of a uniform buffer with a separate slot for each row (of at most 64 values)."""
+    """Return the content of a uniform buffer with a separate slot for each row of at most 64 values."""
     slots = np.zeros((max(len(rows), 1), SLOT // 4), np.uint32)
     if len(rows):
         slots[:, : rows.shape[1]] = rows

@@ -1,5 +1,6 @@
-// The compute stages before and after the sort. The file of the method (NAME.wgsl, beside its NAME.cl) is inserted
-// before this file, and also before draw.wgsl. It includes files of this folder and defines
+// The compute stages before and after the sort.
+// The file of the method (NAME.wgsl, beside its NAME.cl) is inserted before this file, and also before draw.wgsl.
+// The file of the method includes files of this folder and defines
 //
 //   Face                                the record of a face for the fragment stage: vec4<f32> members, the first one
 //                                       is `quad`
@@ -10,17 +11,18 @@
 // and without COMPUTE
 //   cover(Face, x, y)                   the colour, alpha and depth of a face at sample (x, y); returns `Seen`
 //
-// ENGINE is defined for the sampling "engine". The `defines` of the method's model are defined as well, and its
-// `method_values` are members of `view`.
+// ENGINE is defined for the sampling "engine".
+// The `defines` of the method's model are defined as well, and its `method_values` are members of `view`.
 //
-// Every face is projected twice: before the sort for its key, and after the sort for its record. Records are thus
-// written once, in drawing order, and only for faces that are drawn. To sort the records instead would be slower than
-// the second projection and would need twice the memory.
+// Every face is projected twice: before the sort for its key, and after the sort for its record.
+// Records are therefore written once, in drawing order, and only for faces that are drawn.
+// Sorting the records would be slower than the second projection and would need twice the memory.
 
-const DROPPED = 0xffffffffu; // removed by the official culling
-const UNSEEN = 0xfffffffeu;  // kept by the culling, but in no tile
+const DROPPED = 0xffffffffu; // key of a face that the official culling removes
+const UNSEEN = 0xfffffffeu;  // key of a face that the culling keeps, but that lies in no tile
 
-// Returns the samples of a face's quad. Officially a face is drawn only in its tiles.
+// Returns the samples of a face's quad.
+// The official renderer draws a face only in its tiles.
 fn quad_of(projected: Projected) -> vec4<i32> {
 #if IN_TILES
     let tiles = projected.tiles * TILE - vec4<i32>(0, 0, 1, 1);
@@ -111,7 +113,7 @@ fn record(@builtin(global_invocation_id) id: vec3<u32>) {
     var face: Face;
     let projected = project_face(number, &face);
 #if Z_BUFFER
-    keys[number] = DROPPED; // replaced if a pixel shows the face
+    keys[number] = DROPPED; // this key is replaced if a pixel shows the face
 #else
     color_face(number, &face);
 #endif

@@ -23,21 +23,21 @@ from msb.render.frame import Frame
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
-# Texture formats of the targets: float32 or half floats for blending, or face numbers for a z-buffer.
+# Texture formats of the render targets: float32 or half floats for blending, or face numbers for a z-buffer.
 FLOAT, HALF, NUMBERS = "rgba32float", "rgba16float", "r32uint"
 _BLENDS = {FLOAT: "float32", HALF: "half floats"}
-# Maximum number of samples of a band, by format. This maximum limits the memory of the targets: 256 MiB for
-# blending (colour and depth), 128 MiB for face numbers with their depths.
+# Maximum number of samples of a band, by format. The limit bounds the memory of the render targets: 256 MiB
+# for colour and depth, or 128 MiB for face numbers and their depths.
 _ROOM = {FLOAT: 1 << 23, HALF: 1 << 24, NUMBERS: 1 << 24}
 
 
-# First word in the name of a memory use -> group of the use in reports.
+# The group in memory reports for the first word of each memory use.
 _GROUPS = {
     **dict.fromkeys(("positions", "indices"), "geometry"),
     **dict.fromkeys(("coverage", "f_dc", "f_rest", "opacity", "features", "decoder"), "appearance"),
     **dict.fromkeys(("image", "depth", "covered", "nearest", "z-buffer", "pixels,", "pixels"), "targets"),
 }
-# Limits for which the adapter's maximum is requested. The first three limits are the members of `Limits`.
+# Limits that are requested at the adapter's maximum. The first three limits are the members of `Limits`.
 _LIMITS = (
     "max-storage-buffer-binding-size",
     "max-buffer-size",
@@ -46,8 +46,8 @@ _LIMITS = (
     "max-vertex-attributes",
     "max-color-attachment-bytes-per-sample",
 )
-# Minimum limits of the passes. WebGPU guarantees these limits, but adapters in compatibility mode may have
-# lower limits.
+# Minimum limits that the passes need. WebGPU guarantees the limits of the passes, but adapters in
+# compatibility mode may have lower limits.
 _NEEDED = {
     "max-storage-buffers-per-shader-stage": 8,
     "max-vertex-attributes": 9,
@@ -62,15 +62,16 @@ class HardwareRenderer:
     Parameters
     ----------
     device : {"cpu", "gpu"}, optional
-        "cpu" is a software adapter, "gpu" any other adapter. Default: a GPU if there is one.
+        "cpu" is a software adapter, "gpu" any other adapter. Default: a GPU if possible.
     order, sampling
         As for the OpenCL renderer.
     half : bool
         Blend in half floats even if the adapter can blend float32.
     stops : int
-        Number of chunks of faces for methods that stop samples (see `program.STOPS`); with 1 no sample stops.
+        Number of chunks of faces for methods that stop samples (see `program.STOPS`); with 1 chunk no sample
+        stops.
     debug : bool
-        Keep the data that `decisions` returns.
+        Keep the data for the method `decisions`.
     """
 
     name = "wgpu"
@@ -119,7 +120,7 @@ class HardwareRenderer:
 
     @classmethod
     def installed(cls) -> str:
-        """Return the version without opening a device."""
+        """Return the version of wgpu-py without opening a device."""
         return WgpuRenderer.installed()
 
     def render(self, camera: Camera, background: Color) -> Frame:
@@ -129,7 +130,7 @@ class HardwareRenderer:
             timing = self._run(camera, background, read=True)
             pixels = self._gpu.read_back("pixels").view(np.float32)
             keys = self._device_plan.read("keys").view(np.uint32)[: self._packed.faces]
-        # Assemble the frame (H, W, 5) of red, green, blue, alpha, depth from the pixels of the bands.
+        # Assemble the frame (H, W, 5) of red, green, blue, alpha and depth from the pixels of the bands.
         planes = np.zeros((camera.height, camera.width, 5), np.float32)
         for band in self._device_plan.bands:
             first = band.offset // 4
@@ -145,7 +146,7 @@ class HardwareRenderer:
         )
 
     def draw(self, camera: Camera, background: Color) -> DrawTime:
-        """Draw and wait until the frame is complete, but read nothing back."""
+        """Draw a frame and wait until it is complete, but read nothing back."""
         self._check_open()
         with self._gpu.reporting("drawing"):
             return self._run(camera, background, read=False)
@@ -164,8 +165,8 @@ class HardwareRenderer:
     def _run_by_stage(self) -> DrawTime:
         """Submit each stage separately and time it with the wall clock, for software adapters.
 
-        The timestamps of lavapipe are useless for compute passes: it writes them only at the next draw.
-        In software, waiting for each stage costs no time.
+        Lavapipe writes the timestamps of a compute pass only at the next draw, so its timestamps are useless
+        here. Waiting for each stage costs no extra time with a software adapter.
         """
         spent: dict[str, float] = {}
         begun = time.perf_counter()
@@ -178,7 +179,7 @@ class HardwareRenderer:
         return DrawTime(spent, 1000 * (time.perf_counter() - begun))
 
     def _run_at_once(self) -> DrawTime:
-        """Submit the whole frame at once; the device measures its stages if it has timestamps."""
+        """Submit the whole frame at once; the device measures the stages if it has timestamps."""
         start = time.perf_counter()
         encoder = self._gpu.device.create_command_encoder()
         stages = self._device_plan.stages()
@@ -213,22 +214,22 @@ class HardwareRenderer:
         self._size = width, height
 
     def decisions(self) -> tuple[NDArray[np.uint32], NDArray[np.int32]]:
-        """Return the depth keys (F,) and the tile rectangles (F, 4) of the last frame; needs `debug`.
+        """Return the depth keys (F,) and the tile rectangles (F, 4) of the last frame; requires `debug`.
 
-        A key is the bit pattern of the float32 depth. 0xffffffff marks faces removed by the official culling,
-        0xfffffffe other faces that are not drawn. The rectangle of a drawn face is x0, y0, x1, y1: the range
-        of the official tiles that the face covers. x1 and y1 are exclusive.
+        A key is the bit pattern of the float32 depth. The key 0xffffffff marks faces that the official
+        culling removes, and 0xfffffffe marks other faces that are not drawn. The rectangle of a drawn face is
+        x0, y0, x1, y1: the range of the official tiles that the face covers. x1 and y1 are exclusive.
         """
         count = self._packed.faces
         keys = self._device_plan.read("keys").view(np.uint32)[:count]
         return keys, self._device_plan.read("rectangles").view(np.int32).reshape(-1, 4)[:count]
 
     def memory(self) -> Mapping[str, int]:
-        """Return the memory of every buffer and texture: name of the use -> bytes."""
+        """Return the bytes of every buffer and texture, by use."""
         return self._gpu.memory()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return the groups for reports of memory: name of a use -> name of its group."""
+        """Return the group in memory reports for each use."""
         return {name: _GROUPS[word] for name in self._gpu.resources if (word := name.split()[0]) in _GROUPS}
 
     def close(self) -> None:
@@ -248,9 +249,12 @@ class HardwareRenderer:
 
 
 def _limits_of(adapter: Any) -> Limits:
-    """Return the limits of the adapter; raise DEVICE_MEMORY if one is too low for the passes."""
+    """Return the limits of the adapter; raise DEVICE_MEMORY if a limit is too low for the passes."""
     for name, needed in _NEEDED.items():
         if adapter.limits[name] < needed:
-            text = f"{adapter.info['device']}: the limit {name} is {adapter.limits[name]}; {needed} is needed"
+            text = (
+                f"{adapter.info['device']}: the limit {name} is {adapter.limits[name]}, but {needed} is "
+                "needed"
+            )
             raise DeviceError("DEVICE_MEMORY", text)
     return Limits(*(adapter.limits[name] for name in _LIMITS[:3]))

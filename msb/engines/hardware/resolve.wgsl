@@ -1,4 +1,5 @@
-// Averages samples to pixels. The five values of a pixel are red, green and blue over the background, alpha, depth.
+// Averages samples to pixels.
+// The five values of a pixel are red, green and blue over the background, alpha, depth.
 #include "view.wgsl"
 #include "band.wgsl"
 @group(0) @binding(1) var<uniform> band: Band;
@@ -8,8 +9,9 @@
 #endif
 @group(0) @binding(4) var<storage, read_write> pixels: array<f32>;
 
-// A pixel is the average of its samples FIRST_SAMPLE..LAST_SAMPLE along each axis: all of them for a box filter, the
-// middle one or two for bilinear interpolation at pixel centres.
+// A pixel is the average of its samples FIRST_SAMPLE..LAST_SAMPLE along each axis.
+// A box filter uses all samples.
+// Bilinear interpolation at pixel centres uses the middle one or two.
 @compute @workgroup_size(64)
 fn resolve(@builtin(global_invocation_id) id: vec3<u32>) {
     if (id.x >= band.size.x || id.y >= band.size.y) {

@@ -1,21 +1,23 @@
-// A stable radix sort of faces by their depth keys, with 4-bit digits. It needs no subgroups and no atomics: every
-// invocation counts the digits of a separate run of consecutive items, so equal keys keep their order.
+// A stable radix sort of faces by their depth keys, with 4-bit digits.
+// The sort needs no subgroups and no atomics.
+// Every invocation counts the digits of a separate run of consecutive items, so equal keys keep their order.
 //
-// The first step also removes the faces that are not drawn. Only the device knows how many remain, so it writes the
-// arguments of later dispatches and draws itself.
+// The first step also removes the faces that are not drawn.
+// Only the device knows the number of remaining faces.
+// The first step therefore also writes the arguments of later dispatches and draws.
 
 const DIGITS = 16u;
 const WORKERS = 128u;
 const RUN = BLOCK / WORKERS;    // items per invocation; program.py defines BLOCK, the items per workgroup
-const UNLISTED = 0xfffffffeu;   // faces with this key or a higher one are not drawn (DROPPED, UNSEEN in project.wgsl)
+const UNLISTED = 0xfffffffeu;   // faces with this key or a higher key are not drawn (DROPPED, UNSEEN in project.wgsl)
 
 struct Step {
     shift: u32,
-    mask: u32,    // 0 in the only step of order "none", which keeps the order of the asset
-    items: u32,   // items of the first step
+    mask: u32,    // 0 in the single step of the order "none", which keeps the order of the asset
+    items: u32,   // number of items of the first step
     blocks: u32,  // maximum number of blocks; stride of `sums`
-    chunks: u32,  // chunks of sorted faces that are drawn one after the other
-    parts: u32,   // record buffers per chunk
+    chunks: u32,  // number of chunks of sorted faces, which are drawn one after the other
+    parts: u32,   // number of record buffers per chunk
 }
 @group(0) @binding(0) var<uniform> current: Step;
 @group(0) @binding(1) var<storage, read> keys_in: array<u32>;
@@ -72,8 +74,9 @@ fn count(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     }
 }
 
-// Runs in a single workgroup. Replaces the counts in `sums` by their exclusive prefix sums: the first position of each
-// digit in each block. The first step also writes the arguments of the draws.
+// Runs in a single workgroup.
+// Replaces the counts in `sums` by their exclusive prefix sums: the first position of each digit in each block.
+// The first step also writes the arguments of the draws.
 @compute @workgroup_size(256)
 fn scan(@builtin(local_invocation_index) me: u32) {
     let blocks = (items() + BLOCK - 1u) / BLOCK;
@@ -112,9 +115,13 @@ fn scan(@builtin(local_invocation_index) me: u32) {
 
 #if FIRST
 
-// Writes the buffer `arguments`. Entry 0 is the number of listed faces, entries 1 to 3 are the numbers of workgroups of
-// later sort passes. Eight entries follow for each record buffer: three numbers of workgroups that write it, its first
-// face in sorted order, and the four arguments of its indirect draw. Chunks have equal sizes; the last ones may be smaller.
+// Writes the buffer `arguments`.
+// Entry 0 is the number of listed faces, entries 1 to 3 are the numbers of workgroups of later sort passes.
+// Eight entries follow for each record buffer.
+// Three entries are the numbers of workgroups that write the record buffer.
+// One entry is the first face of the buffer in sorted order.
+// Four entries are the arguments of the indirect draw.
+// Chunks have equal sizes; the last ones may be smaller.
 fn write_arguments(listed: u32) {
     arguments[0] = listed;
     arguments[1] = (listed + BLOCK - 1u) / BLOCK;

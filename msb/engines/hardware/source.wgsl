@@ -1,5 +1,5 @@
-// The buffers of the model, and the result of a face's projection. Every compute stage over faces starts with the file of
-// the method, which starts with this file.
+// The buffers of the model, and the result of a face's projection.
+// Every compute stage over faces starts with the file of the method, which starts with this file.
 #include "exact.wgsl"
 
 // Long buffers are bound in parts; `part` has the range of rows of the bound part.
@@ -33,8 +33,8 @@ fn positions_of(rows: vec3<u32>) -> array<vec3<f32>, 3> {
 
 // The result of a method's function `project_face`, besides the record for the fragment stage (`Face`).
 struct Projected {
-    kept: bool,         // whether the official culling keeps the face
-    depth: f32,         // its bit pattern is the official sort key
+    kept: bool,         // true if the official culling keeps the face
+    depth: f32,         // depth, whose bit pattern is the official sort key
     tiles: vec4<i32>,   // the official tile rectangle; upper ends are exclusive
     samples: vec4<i32>, // box that contains all samples with an alpha of 1/255 or more; inclusive
 }

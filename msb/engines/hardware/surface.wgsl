@@ -1,13 +1,16 @@
-// Computes the pixels of opaque faces. The z-buffer pass has found the face of each pixel; the function
-// `surface_at(number, x, y) -> Seen` of the method's file, which comes before this one, computes its appearance.
+// Computes the pixels of opaque faces.
+// The z-buffer pass has found the face of each pixel.
+// The function `surface_at(number, x, y) -> Seen` computes the appearance of the face.
+// The method's file, inserted before this file, defines the function.
 #include "band.wgsl"
 @group(0) @binding(5) var<uniform> band: Band;
 @group(0) @binding(6) var faces: texture_2d<u32>; // face number + 1; 0 without a face
 @group(0) @binding(9) var<storage, read_write> pixels: array<f32>;
 @group(0) @binding(10) var<storage, read_write> keys: array<atomic<u32>>;
 
-// Computes one pixel. `part` is the range of faces whose lattices are bound. The first part also writes pixels without a
-// face.
+// Computes one pixel.
+// `part` is the range of faces whose lattices are bound.
+// The first part also writes pixels without a face.
 @compute @workgroup_size(64)
 fn surface(@builtin(global_invocation_id) id: vec3<u32>) {
     if (id.x >= band.size.x || id.y >= band.size.y) {

@@ -1,10 +1,10 @@
-// The camera record. It is the only data that the host computes for each frame (`view_bytes` in
-// msb/engines/hardware/packing.py).
+// The uniform buffer of the camera.
+// The host computes only this buffer for each frame (`view_bytes` in msb/engines/hardware/packing.py).
 struct View {
     world_to_camera: array<vec4<f32>, 3>, // rows of W, for column vectors
     full: array<vec4<f32>, 4>,            // rows of P W
     center: vec3<f32>,                    // camera centre in world space
-    zero: u32,                            // 0, unknown to the compiler: see exact.wgsl
+    zero: u32,                            // 0, but the compiler does not know this: see exact.wgsl
     tan_fov: vec2<f32>,
     shift: vec2<f32>,                     // principal point minus centre of the raster, in samples
     width: u32,                           // size of the raster in samples

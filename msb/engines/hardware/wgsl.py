@@ -13,9 +13,10 @@ _FACE = re.compile(r"struct Face \{\n(.*?)\n\}", re.DOTALL)
 def assemble(files: Iterable[str], package: str, defines: Mapping[str, bool | int | str]) -> str:
     """Return the concatenated, preprocessed texts of `files`.
 
-    ``#include "x.wgsl"`` inserts a file at its first occurrence; files are searched in `package`, then in
+    ``#include "x.wgsl"`` inserts a file at its first occurrence. The file is searched in `package`, then in
     this package. ``#if NAME``, ``#if !NAME``, ``#else`` and ``#endif`` select lines; undefined names are
-    false. Integer definitions become constants of type u32, and strings replace their names.
+    false. An integer definition becomes a constant of type u32. A string definition replaces its name in the
+    text.
     """
     numbers = {k: v for k, v in defines.items() if isinstance(v, int) and not isinstance(v, bool)}
     lines = [f"const {name} = {value}u;" for name, value in sorted(numbers.items())]
@@ -30,14 +31,14 @@ def assemble(files: Iterable[str], package: str, defines: Mapping[str, bool | in
 
 
 def _resolve(file: str, package: str, defined: set[str], included: set[str]) -> list[str]:
-    """Return the selected lines of a file and its includes; files in the set `included` are skipped."""
+    """Return the selected lines of a file and its includes. Files in the set `included` are skipped."""
     if file in included:
         return []
     included.add(file)
     places = [resources.files(place) / file for place in (package, _SHARED)]
     text = next(place for place in places if place.is_file()).read_text("utf-8")
     lines: list[str] = []
-    active = [True]  # for each nested condition, whether its lines are active
+    active = [True]  # whether the lines of each nested condition are active
     for line in text.splitlines():
         condition, include = _CONDITION.fullmatch(line), _INCLUDE.fullmatch(line)
         if condition:
@@ -52,7 +53,7 @@ def _resolve(file: str, package: str, defined: set[str], included: set[str]) -> 
 
 
 def find_face_members(text: str) -> list[str]:
-    """Return the names of the members of `struct Face` in a preprocessed text; all of them are vec4<f32>."""
+    """Return the names of the members of `struct Face` in a preprocessed text; all are vec4<f32>."""
     match = _FACE.search(text)
     if match is None:
         raise ValueError("the WGSL of a method must define a struct Face")

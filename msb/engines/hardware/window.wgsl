@@ -24,8 +24,8 @@ fn window_sample(p: vec3<f32>) -> vec2<f32> {
                      add(to_sample(mul(affine(view.full[1], p), inverse), view.height), view.shift.y));
 }
 
-// Returns whether the triangle is kept by the culling rules that do not depend on opacity or tiles. As in the official
-// code nothing is clipped, so the perspective division mirrors corners behind the camera.
+// Returns whether the triangle is kept by the culling rules that do not depend on opacity or tiles.
+// As in the official code nothing is clipped, so the perspective division mirrors corners behind the camera.
 fn project_window(p: array<vec3<f32>, 3>, w: ptr<function, Window>) -> bool {
     let center = center_of(p[0], p[1], p[2]);
     let camera = to_camera(center);
@@ -69,13 +69,15 @@ fn project_window(p: array<vec3<f32>, 3>, w: ptr<function, Window>) -> bool {
         (*w).edge_offset[k] = t * outward;
         (*w).inradius[k] = distance * outward;
     }
-    // NaN if two corners coincide. Officially such a face is kept, but no sample is inside it.
+    // NaN if two corners coincide.
+    // The official code keeps such a face, but no sample is inside it.
     return !((*w).inradius[2] > -1.0);
 }
 
-// Returns the box of samples with an alpha of 1/255 or more. It is the box of the triangle shrunk about its incentre to
-// the contour phi = `rim`, and empty if `rim` exceeds 1. The box is enlarged by the rounding error of the edges, which
-// is larger at sharp corners.
+// Returns the box of samples with an alpha of 1/255 or more.
+// The triangle is first shrunk about its incentre to the contour phi = `rim`.
+// The box is empty if `rim` exceeds 1.
+// The box is enlarged by the rounding error of the edges, which is larger at sharp corners.
 fn window_box(w: ptr<function, Window>, rim: f32) -> vec4<i32> {
     let p = (*w).corners[0];
     let q = (*w).corners[1];
@@ -98,7 +100,7 @@ fn contour_tiles(w: ptr<function, Window>, shrunk: f32) -> vec4<i32> {
     var offset: array<f32, 3>;
     var distance = 0.0;
     for (var k = 0; k < 3; k++) {
-        // As officially, the distance of the first edge is used for all edges, unless it underflows to 0.
+        // As in the official code, the distance of the first edge is used for all edges, unless it underflows to 0.
         if (distance == 0.0) {
             distance = mul((*w).inradius[k], shrunk);
         }
@@ -125,9 +127,9 @@ fn contour_tiles(w: ptr<function, Window>, shrunk: f32) -> vec4<i32> {
     return tiles;
 }
 
-// Returns the largest of the three signed distances n.x x + n.y y + t from the edges; it is positive outside. The terms
-// are added in the official order: a sample exactly on an edge then has distance 0 and alpha 0. With a fused sum the
-// distance could be -1e-5, which a sharp window (phi^0.01) would turn into an alpha of 0.8.
+// Returns the largest of the three signed distances n.x x + n.y y + t from the edges; it is positive outside.
+// The terms are added in the official order: a sample exactly on an edge then has distance 0 and alpha 0.
+// With a fused sum the distance could be -1e-5, which a sharp window (phi^0.01) would turn into an alpha of 0.8.
 fn nearest_edge(normal_x: vec3<f32>, normal_y: vec3<f32>, offset: vec3<f32>, x: f32, y: f32) -> f32 {
     let e = keep3(keep3(normal_x * x) + keep3(normal_y * y)) + offset;
     return max(max(e.x, e.y), e.z);

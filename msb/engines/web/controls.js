@@ -1,5 +1,5 @@
 "use strict";
-// The cameras, and their control by mouse, touch and keyboard.
+// The cameras of the page, and the control of cameras by mouse, touch and keyboard.
 const MOVING_KEYS = { w: [0, 0, 1], s: [0, 0, -1], a: [-1, 0, 0], d: [1, 0, 0], e: [0, -1, 0], q: [0, 1, 0] };
 const PACE = 0.4;               // speed of flying, in radii of the model per second
 const REST_MILLISECONDS = 200;  // pause after a movement before a frame is drawn at full resolution
@@ -49,7 +49,7 @@ function fit() {
   const down = new THREE.Vector3().crossVectors(forward, right);
   const distance = 1.05 * world.radius / Math.sin(half);
   const eye = world.center.clone().addScaledVector(forward, -distance);
-  // The same rule as in msb/scenes/paths.py.
+  // This rule is the same as in msb/scenes/paths.py.
   view.unit = distance >= 0.5 && distance <= 64 ? 1 : 2 ** (Math.round(Math.log2(distance)) - 1);
   state.target.copy(world.center);
   state.view = withPose(view, eye, right, down, forward);
@@ -124,7 +124,7 @@ function zoom(factor) {
 
 // ---- mouse and touch: one pointer rotates, two pan and zoom
 
-const fingers = new Map();  // pointer id -> [x, y]
+const fingers = new Map();  // position [x, y] of each pointer, by pointer id
 const middleOf = (points) => [0, 1].map((k) => points.reduce((sum, point) => sum + point[k], 0) / points.length);
 const distanceOf = (points) => Math.max(1, Math.hypot(points[0][0] - points[1][0], points[0][1] - points[1][1]));
 canvas.parentElement.addEventListener("pointerdown", (event) => {

@@ -1,8 +1,9 @@
 "use strict";
 import { matrixOf } from "./camera.js";
-// Executes the plan of a frame (msb/engines/hardware/program.py) with WebGPU. WGSL, buffers and passes are those of the
-// renderer `wgpu`. The only data that this script computes for a frame is the camera record.
-const SLOT = 256;        // bytes between entries of a uniform buffer that are bound separately
+// Executes the plan of a frame (msb/engines/hardware/program.py) with WebGPU.
+// WGSL, buffers and passes are the same as in the renderer `wgpu`.
+// For each frame, this script only computes the uniform buffer of the camera.
+const SLOT = 256;        // bytes between the entries of a uniform buffer
 const PIXEL_BYTES = 20;  // red, green, blue, alpha and depth of a pixel, float32
 const ROOM = 1 << 23;    // maximum number of samples of a band
 const TILE = 16;         // width and height of an official tile in pixels
@@ -25,10 +26,10 @@ struct Band { first: vec2<u32>, size: vec2<u32>, output: u32 }
   return vec4<f32>(floor(rgb * 255.0 + 0.5) / 255.0, 1.0);
 }`;
 
-// ---- the camera record
+// ---- the uniform buffer of the camera
 
-// Returns the signs of the rows of world_to_camera and the projection matrix of blended methods, as in
-// msb/render/splat/view.py.
+// Returns the signs of the rows of world_to_camera, and the projection matrix of blended methods
+// (msb/render/splat/view.py).
 function blendedProjection(view, near, far) {
   const f = Math.fround, tan = [view.width / (2 * view.fx), view.height / (2 * view.fy)];
   return [[1, 1, 1, 1], [
@@ -37,8 +38,8 @@ function blendedProjection(view, near, far) {
   ]];
 }
 
-// Returns the signs and the projection matrix of DiffSoup, as in its native_model.py. With `flip` (layout "synthetic")
-// the matrix is computed in double precision and rounded once.
+// Returns the signs and the projection matrix of DiffSoup, as in its native_model.py.
+// With `flip` (layout "synthetic") the matrix is computed in double precision and rounded once.
 function surfaceProjection(view, near, far, flip) {
   const f = Math.fround, g = flip ? (x) => x : f;
   const [w, h, fx, fy, cx, cy] = [view.width, view.height, view.fx, view.fy, view.cx, view.cy].map(g);
@@ -48,8 +49,9 @@ function surfaceProjection(view, near, far, flip) {
   ]];
 }
 
-// Returns the members of the camera record that all methods share, with the formulas and float32 roundings of
-// msb/render/splat/view.py. camera.js describes a view.
+// Returns the members of the camera's buffer that all methods share.
+// Formulas and float32 roundings are those of msb/render/splat/view.py.
+// camera.js describes a view.
 function cameraMembers(view, scale, near, far, methodValues) {
   const f = Math.fround, W = matrixOf(view).map((row) => row.map(f));
   const tan = [view.width / (2 * view.fx), view.height / (2 * view.fy)];
@@ -68,8 +70,8 @@ function cameraMembers(view, scale, near, far, methodValues) {
   };
 }
 
-// Returns the centre of the camera, -R^-1 t. The inverse is computed by cofactors, because a float32 rotation is not
-// exactly orthogonal.
+// Returns the centre of the camera, -R^-1 t.
+// The inverse is computed by cofactors, because a float32 rotation is not exactly orthogonal.
 function cameraCenter(W) {
   const [a, b, c] = W;
   const cross = (u, v) => [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
@@ -78,7 +80,7 @@ function cameraCenter(W) {
   return [0, 1, 2].map((i) => -(columns[0][i] * a[3] + columns[1][i] * b[3] + columns[2][i] * c[3]) / determinant);
 }
 
-// Returns the camera record as bytes.
+// Returns the uniform buffer of the camera as bytes.
 function viewRecord(about, scale, view, background, degree, methodValues) {
   const values = { ...cameraMembers(view, scale, about.near, about.far, methodValues), background, degree: [degree] };
   for (const [name, value] of Object.entries(methodValues)) values[name] = [value];
@@ -122,7 +124,9 @@ async function openDevice(needs) {
 // ---- the plan
 
 export class Dedicated {
-  // Prepares a model. `about` is scene.dedicated of the page, `read(name)` returns a promise of an array, and
+  // Prepares a model.
+  // `about` is the object scene.dedicated of the page.
+  // `read(name)` returns a promise of an array.
   // `onProgress(text)` is called with progress messages.
   static async open(about, canvas, read, onProgress) {
     const result = new Dedicated();
@@ -163,7 +167,7 @@ export class Dedicated {
     return result;
   }
 
-  // Compiles the plan of this number and uses it from the next frame on.
+  // Compiles the plan with this number; later frames use the plan.
   async use(number) {
     this.wanted = number;
     if (!this.compiled.has(number)) this.compiled.set(number, this.#checked(() => this.#compile(this.about.plans[number])));
@@ -175,7 +179,7 @@ export class Dedicated {
     const before = this.plan?.buffers || {};
     Object.assign(this, compiled, { number, plan: this.about.plans[number], size: null });
     const { arrays, buffers } = this.plan;
-    // Destroy buffers of the earlier plan that the new one does not use, then create the missing ones.
+    // Destroy buffers of the earlier plan that the new plan does not use, then create the missing buffers.
     for (const name of Object.keys(before)) {
       if (this.held.has(name) && !(name in buffers && buffers[name][0] === before[name][0]) && !this.about.arrays[name]) {
         this.held.get(name).destroy();
@@ -196,7 +200,8 @@ export class Dedicated {
     return buffer;
   }
 
-  // Uploads the arrays of all plans. The buffer of an array has the name of the array.
+  // Uploads the arrays of all plans.
+  // The buffer of an array has the name of the array.
   async #upload(read, onProgress) {
     const wanted = new Map();
     for (const { arrays, buffers } of this.about.plans) {
@@ -271,7 +276,8 @@ export class Dedicated {
     });
   }
 
-  // Creates the textures and buffers for frames of this size. They have the size of a band, and all bands share them.
+  // Creates the textures and buffers for frames of this size.
+  // All bands share these resources, which have the size of a band.
   #makeTargets(width, height) {
     if (this.size?.[0] === width && this.size[1] === height) return;
     const side = Math.floor(this.device.limits.maxTextureDimension2D / this.plan.scale);
@@ -369,7 +375,8 @@ export class Dedicated {
     pass.end();
   }
 
-  // Draws onto the canvas. If `copy` is given, a destination buffer, the bytes of the canvas are copied to it.
+  // Draws onto the canvas.
+  // If the destination buffer `copy` is given, the bytes of the canvas are copied to this buffer.
   #encode(view, background, degree, methodValues, copy) {
     const { canvas, device } = this;
     if (canvas.width !== view.width || canvas.height !== view.height) {
@@ -396,7 +403,8 @@ export class Dedicated {
     device.queue.submit([encoder.finish()]);
   }
 
-  // Draws a view; resolves when the frame is complete. `methodValues` has the method's members of the camera record.
+  // Draws a view; resolves when the frame is complete.
+  // `methodValues` has the method's members of the camera's buffer.
   async draw(view, background, degree, methodValues) {
     this.#encode(view, background, degree, methodValues, null);
     await this.device.queue.onSubmittedWorkDone();

@@ -1,5 +1,5 @@
 "use strict";
-// Only in pages of a mesh: selects the interpretation of colours, and opens files that are dropped or chosen.
+// In pages of a mesh, this script selects the interpretation of colours, and opens files that are dropped or chosen.
 byId("colors").addEventListener("change", (event) => { setColors(event.target.value); show(); });
 window.addEventListener("dragover", (event) => { event.preventDefault(); document.body.classList.add("over"); });
 window.addEventListener("dragleave", () => document.body.classList.remove("over"));

@@ -1,7 +1,8 @@
 "use strict";
-// The page contains the published modules of three.js, compressed. This script makes a blob of each module, and replaces
-// imports in later modules with the address of the blob. Then it runs the scripts of the page. The promise `ready`
-// resolves to false if the page cannot show anything.
+// The page contains the published modules of three.js, compressed.
+// This script makes a blob of each module, and replaces imports in later modules with the address of the blob.
+// After the modules, the script runs the scripts of the page.
+// The promise `ready` resolves to false if the page cannot show anything.
 const byId = (id) => document.getElementById(id);
 const say = (text) => { byId("message").textContent = text; byId("message").hidden = !text; };
 
@@ -35,5 +36,5 @@ const ready = (async () => {
     say(`This browser cannot show the page: ${error.message || error}. Try a current Chrome, Edge, Firefox or Safari.`);
     return false;
   }
-  return typeof main === "function" && main();  // without `main` a script failed and has shown a message
+  return typeof main === "function" && main();  // if `main` is missing, a script has failed and shown a message
 })();

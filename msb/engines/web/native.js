@@ -1,14 +1,15 @@
 "use strict";
-// The page of the dedicated tier. The canvas of the native rendering (WebGPU) lies above that of the mesh (WebGL).
+// The page of the dedicated tier.
+// The canvas of the native rendering (WebGPU) lies above the canvas of the mesh (WebGL).
 const about = start.dedicated;
 const nativeCanvas = byId("native");
 const SLOW = 60;        // milliseconds per frame; slower devices draw at a lower resolution while the camera moves
 const WIPE_KEYS = { ArrowLeft: -0.02, ArrowRight: 0.02 };
-let native = null;      // the native rendering, a Dedicated; null without WebGPU
-let meshArrays = null;  // the arrays of the standard-tier mesh, until it is created
-const meshes = {};      // "standard" and "baked" -> three.js meshes
+let native = null;      // the native rendering, an object of the class Dedicated; null without WebGPU
+let meshArrays = null;  // the arrays of the standard-tier mesh, until the mesh is created
+const meshes = {};      // the three.js meshes by name: "standard" and "baked"
 let degree = about.view.degree;
-let members = { ...about.view.own };  // the method's members of the camera record
+let members = { ...about.view.own };  // the method's members of the camera's uniform buffer
 const REPLACEMENT = about.baked
   ? "The mesh that msb bake made from this model is shown instead."
   : about.standard.grey
@@ -17,7 +18,7 @@ const REPLACEMENT = about.baked
 const GREY_LABEL = "grey triangles";
 const note = (text) => { byId("note").textContent = text; byId("note").hidden = !text; };
 
-// The reason for a missing native rendering, and a remedy.
+// The reason why the native rendering is missing, and a remedy.
 let reason = "", remedy = "";
 // Shows a note about the missing native rendering and about the mesh that replaces it.
 function explainReplacement() {
@@ -31,8 +32,8 @@ onWebGlChange = (lost) => {
 
 // ---- arrays
 
-// Returns an array of the page. Every array can be read from the page only once, so `cache` keeps the arrays that the
-// standard-tier mesh needs as well.
+// Returns an array of the page.
+// An array can be read from the page only once, so `cache` keeps the arrays that the standard-tier mesh also needs.
 async function arrayOf(name, cache) {
   if (cache[name]) return cache[name];
   const { shrunk: source, ...head } = about.arrays[name];
@@ -41,7 +42,8 @@ async function arrayOf(name, cache) {
   return array;
 }
 
-// Returns the static colours clamp(C0 f_dc + 0.5) as bytes; `corners` is 3 if f_dc has a row for each face, else 1.
+// Returns the static colours clamp(C0 f_dc + 0.5) as bytes.
+// Pass `corners` = 3 if f_dc has one row per face, else 1.
 function staticColors(f_dc, corners) {
   const colors = new Uint8Array(f_dc.length * corners);
   for (let i = 0; i < f_dc.length; i += 1) {
@@ -74,7 +76,7 @@ function makeMesh() {
 
 // ---- layers
 
-// Choice in the panel -> the mesh that it shows.
+// The mesh to show for each choice in the panel.
 const MESH = { standard: "standard", wipe: "standard", baked: "baked", "wipe-baked": "baked" };
 const wipes = () => byId("shown").value.startsWith("wipe");
 const showsNative = () => byId("shown").value === "dedicated" || wipes();
@@ -93,7 +95,8 @@ function drawNative(view) {
   const begun = performance.now(), size = state.moving ? movingScale(milliseconds) : 1;
   native.draw(scaleView(view, size), state.background, degree, members).then(() => {
     const took = performance.now() - begun;
-    // Estimate the time at full size: most of the time is spent on pixels.
+    // Estimate the time at full size.
+    // The time is nearly proportional to the number of pixels.
     milliseconds = size === 1 ? took : Math.max(milliseconds * 0.9, took);
     const time = took < 10 ? `${took.toFixed(1)} ms` : took < 2000 ? `${Math.round(took)} ms` : `${(took / 1000).toFixed(1)} s`;
     byId("frame").textContent = `${time} per frame` +
@@ -155,9 +158,10 @@ saveImage = () => {
   download(nativeCanvas);
 };
 
-// ---- settings that change only the camera record
+// ---- settings that change only the camera's uniform buffer
 
-// Adds a drop-down list to the panel. `changed` is called with the index of the chosen option.
+// Adds a drop-down list to the panel.
+// `changed` is called with the index of the chosen option.
 function addSetting(name, options, value, changed) {
   const label = document.createElement("label"), select = document.createElement("select");
   select.replaceChildren(...options.map((text, k) => new Option(text, k)));
@@ -176,13 +180,14 @@ for (const { name, value, options } of about.settings) {
   addSetting(name.replaceAll("_", " "), texts, options.findIndex((option) => option.value === value), (k) => Object.assign(members, options[k].own));
 }
 
-// The orders of the faces and the rules of sampling. Each combination is another plan, compiled when it is chosen.
+// The orders of the faces and the rules of sampling.
+// Each combination is a separate plan, which is compiled when it is chosen.
 const ORDERS = { tile: "per tile (official)", global: "by depth", none: "unsorted" };
 const SAMPLINGS = { official: "official", engine: "as game engines do" };
 const mode = { order: "tile", sampling: "official" };
 async function setMode(changed) {
   Object.assign(mode, changed);
-  // Game engines have no tiles, so "global" has no separate plan there.
+  // The sampling "engine" has no plan for "global", because it uses no tiles.
   const fits = (plan) => plan.sampling === mode.sampling && plan.order === mode.order;
   let number = about.plans.findIndex(fits);
   if (number < 0) number = about.plans.findIndex((plan) => plan.sampling === mode.sampling);

@@ -1,6 +1,6 @@
 "use strict";
-// Shows a mesh with three.js as on the standard tier: unlit, two-sided, the nearest face of each pixel. A mesh without
-// colours is shaded in grey.
+// Shows a mesh with three.js as on the standard tier: unlit, two-sided, the nearest face of each pixel.
+// A mesh without colours is shaded in grey.
 const NEAR = 0.01;                 // near plane, in units of the view
 const FOV_Y = 40 * Math.PI / 180;  // vertical field of view of the free camera
 const canvas = byId("view");
@@ -15,11 +15,14 @@ const renderer = new THREE.WebGLRenderer({ canvas, context: gl });
 renderer.autoClear = false;
 renderer.setPixelRatio(1);
 renderer.toneMapping = THREE.NoToneMapping;
-// Disable the conversion of colours in three.js. The materials below convert them.
+// Disable the conversion of colours in three.js.
+// The materials below convert them.
 THREE.ColorManagement.enabled = false;
 renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
-// Enables extensions. With EXT_clip_control the float32 depth is 1 at the near plane and 0 at infinity, which is most
-// precise; otherwise it is the usual -1 .. 1. Neither has a far plane.
+// Enables extensions.
+// With EXT_clip_control the float32 depth is 1 at the near plane and 0 at infinity, which is most precise.
+// Without it, the depth has the usual range -1 .. 1.
+// With both ranges, there is no far plane.
 function enableExtensions() {
   const clip = gl.getExtension("EXT_clip_control");
   if (clip) clip.clipControlEXT(clip.LOWER_LEFT_EXT, clip.ZERO_TO_ONE_EXT);
@@ -27,7 +30,8 @@ function enableExtensions() {
 }
 const { floats, clip } = enableExtensions();
 
-// Called when the WebGL context is lost, and when it is restored. After that, three.js recreates its objects.
+// Called when the WebGL context is lost, and when the context is restored.
+// After a restore, three.js recreates its objects.
 let onWebGlChange = (lost) => say(lost ? "The WebGL context was lost, so nothing can be drawn. Reload the page." : "");
 canvas.addEventListener("webglcontextlost", () => onWebGlChange(true));
 canvas.addEventListener("webglcontextrestored", () => { enableExtensions(); onWebGlChange(false); show(); });
@@ -40,8 +44,9 @@ const state = { view: null, fitted: true, target: new THREE.Vector3(), backgroun
 
 // ---- drawing
 
-const targets = new Map();  // pixel type -> render target
-// Returns a render target with this pixel type (float or byte) and size; an earlier one of this type is reused or replaced.
+const targets = new Map();  // the render target for each pixel type
+// Returns a render target of this pixel type (float or byte) and size.
+// An earlier target of this type is reused or replaced.
 function target(type, width, height) {
   let result = targets.get(type);
   if (result && (result.width !== width || result.height !== height)) {
@@ -136,8 +141,9 @@ const greyMaterial = () => new THREE.ShaderMaterial({
     }`,
 });
 
-// Returns an unlit material with the colours and the texture of a glTF material. If the colours are linear light, the
-// shader finally encodes them as sRGB. The colours of textures are always linear light.
+// Returns an unlit material with the colours and the texture of a glTF material.
+// If the colours are linear light, the shader finally encodes them as sRGB.
+// The colours of textures are always linear light.
 function materialOf(geometry, old) {
   const colored = geometry.attributes.color !== undefined, map = old?.map || null;
   if (!colored && !map && (!old || old.color.getHex() === 0xffffff)) return greyMaterial();
@@ -167,10 +173,10 @@ function embeddedFile() {
   return text ? decodeBase64(text) : null;
 }
 
-// Shows a mesh file; `framed` is the sphere that the free camera shows, by default everything.
+// Shows a mesh file; `framed` is the sphere that the free camera shows, by default the whole mesh.
 async function open(buffer, name, framed = null) {
   say(`Reading ${name} ...`);
-  await new Promise((done) => setTimeout(done, 20));  // lets the browser show the message
+  await new Promise((done) => setTimeout(done, 20));  // this pause lets the browser show the message
   const gltf = await parseGlb(buffer);
   setColors(query.get("colors") || (gltf.asset.extras?.color_space === "srgb" ? "stored" : "linear"));
   const faces = setMesh(gltf.scene);

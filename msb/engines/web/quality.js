@@ -2,7 +2,7 @@
 // Measures the accuracy of the page: compares its canvas with the reference images that the page contains.
 const decibels = (value) => (value === null ? "identical" : `${value.toFixed(1)} dB`);
 
-// Returns the PSNR in dB of two arrays of bytes, null if they are equal.
+// Returns the PSNR in dB of two arrays of bytes; null if the arrays are equal.
 function psnr(drawn, reference) {
   let sum = 0;
   for (let i = 0; i < drawn.length; i += 1) sum += (drawn[i] - reference[i]) ** 2;

@@ -1,5 +1,5 @@
 "use strict";
-// Only in pages of the renderer `threejs`: draws the tasks that its server (browser.py) sends.
+// In pages of the renderer `threejs`, this script draws the tasks that the server (browser.py) sends.
 const depthMaterial = new THREE.ShaderMaterial({
   side: THREE.DoubleSide, depthFunc: clip ? THREE.GreaterDepth : THREE.LessDepth,
   vertexShader: `varying float distance_;
@@ -21,7 +21,7 @@ async function drawTimed(view, background) {
   if (query) gl.beginQuery(clock.TIME_ELAPSED_EXT, query);
   paint(into, background);
   if (query) gl.endQuery(clock.TIME_ELAPSED_EXT);
-  gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.FLOAT, new Float32Array(4));  // waits for the frame
+  gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.FLOAT, new Float32Array(4));  // this waits for the frame
   const wall = performance.now() - begin;
   if (!query) return { wall };
   for (let tries = 0; tries < 200 && !gl.getQueryParameter(query, gl.QUERY_RESULT_AVAILABLE); tries += 1) {
@@ -39,7 +39,8 @@ function readPixels(view) {
   return values;
 }
 
-// Returns a material that writes the depth. For a material with an alpha cutoff it is a copy with a changed output.
+// Returns a material that writes the depth.
+// If a material has an alpha cutoff, this is a copy with a changed output.
 function depthOf(material) {
   if (!material.alphaTest) return depthMaterial;
   const depth = material.clone();
@@ -50,7 +51,7 @@ function depthOf(material) {
   return depth;
 }
 
-// Draws the depths and returns them as float32 values, the lowest row first. Other materials are used for this.
+// Draws the depths with special materials, and returns them as float32 values, the lowest row first.
 function readDepths(view) {
   const materials = new Map();
   world.mesh.traverse((node) => { if (node.isMesh) materials.set(node, node.material); });
@@ -93,7 +94,7 @@ async function runTasks() {
   });
   for (;;) {
     let task;
-    // Without its server the page closes its window, which ends the browser.
+    // Without a server the page closes its window, which ends the browser.
     try { task = await (await fetch("next")).json(); } catch { window.close(); return; }
     try {
       const { view, background } = task;

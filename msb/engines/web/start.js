@@ -1,6 +1,6 @@
 "use strict";
-// Starts the page: applies the options in its address, opens the model and shows the first view. `loader.js` calls this
-// function after all scripts.
+// Starts the page: applies the options in its address, opens the model and shows the first view.
+// `loader.js` calls this function after all scripts.
 async function main() {
   byId("panel").hidden = query.has("bare");
   const kind = ["dedicated", "baked"].find((name) => start[name]) || "mesh";
@@ -11,7 +11,7 @@ async function main() {
     .map((value) => Math.round(255 * Math.min(1, Math.max(0, value))).toString(16).padStart(2, "0")).join("");
   setCameras(start.cameras);
   if (!await openFirst()) return false;
-  const wanted = query.get("camera");  // a name or a number
+  const wanted = query.get("camera");  // name or number of the first camera
   const index = wanted === null ? Math.min(0, views.length - 1)
     : views.findIndex((view, i) => view.name === wanted || String(i) === wanted);
   if (index >= 0) byId("cameras").value = String(index);

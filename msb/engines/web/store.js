@@ -94,7 +94,7 @@ export async function storedArray(name, head, page = document) {
   return DECODERS[head.how](await storedBytes(name, head.bytes, page), head, rows, columns);
 }
 
-// Returns triangles (three consecutive rows each) shrunk about their centroids, in float32 arithmetic.
+// Returns triangles (three consecutive rows each), shrunk about their centroids in float32 arithmetic.
 export function shrink(positions, factor) {
   const f = Math.fround, result = new Float32Array(positions.length);
   for (let i = 0; i < positions.length; i += 9) {

@@ -1,5 +1,6 @@
 "use strict";
-// Added to a page for its measurement (dedicated_page/measurement.py): draws the test views that the server requests.
+// This script is added to a page for a measurement (dedicated_page/measurement.py).
+// The script draws the test views that the server requests.
 (async () => {
   const answer = async (head, ...parts) =>
     fetch("answer", { method: "POST", body: new Blob([JSON.stringify(head), "\n", ...parts]) });
@@ -8,7 +9,7 @@
   await answer({ browser: navigator.userAgent, device: native.name, format: native.format });
   for (;;) {
     let task;
-    // Without its server the page closes its window, which ends the browser.
+    // Without a server the page closes its window, which ends the browser.
     try { task = await (await fetch("next")).json(); } catch { window.close(); return; }
     try {
       const start = performance.now(), bytes = await pixelsOf(task.test);

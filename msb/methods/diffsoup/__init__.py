@@ -1,4 +1,5 @@
-"""DiffSoup: triangles with binary opacity and feature lattices, which a small network decodes to colours."""
+"""DiffSoup: triangles with binary opacity and a lattice of features, which a small network decodes to
+colours."""
 
 from pathlib import Path
 
@@ -10,9 +11,10 @@ from msb.scenes.datasets.rules import Photographs, Rules
 
 # Features per lattice sample, in addition to its opacity.
 FEATURES = 7
-# Highest level of a lattice. Official runs end at level 5; level 8 has 33,153 samples per triangle.
+# Highest level of a lattice. Official trainings end at lattice level 5. Level 8 has 33,153 samples per
+# triangle.
 MAX_LEVEL = 8
-# The shape of each decoder layer's weight, [out, in].
+# The shape of each decoder layer's weight matrix, [out, in].
 LAYERS = {"mlp.0": (16, 16), "mlp.2": (16, 16), "mlp.4": (3, 16)}
 
 

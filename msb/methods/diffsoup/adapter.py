@@ -1,8 +1,9 @@
-"""Read DiffSoup's ``final_params.pt``, as written by its COLMAP script or its synthetic script.
+"""Read DiffSoup's ``final_params.pt``, written by its COLMAP script or its synthetic script.
 
 Layout: kenji-tojo/diffsoup at c74e35d (examples/01_mip360.py, 02_synthetic.py). Each triangle has a
-barycentric lattice. Each sample of the lattice has seven features and an opacity. The file stores them after
-the sigmoid. A small MLP turns the features of a pixel and its view direction into a colour.
+barycentric lattice. Each sample of the lattice has seven features and an opacity. The file stores features
+and opacities after the sigmoid. A small MLP turns the features of a pixel and its view direction into a
+colour.
 """
 
 from collections.abc import Sequence
@@ -21,11 +22,11 @@ from msb.errors import finding
 from msb.methods.diffsoup import FEATURES, LAYERS, MAX_LEVEL, METHOD, samples
 
 KEYS = ("Rmax", "V", "F", "feat_acc", "alpha_acc", "color_mlp")
-# The shape of each array in the state dict of the colour MLP. Weights have the shape [out, in].
+# The shape of each array in the state dict of the colour MLP. Weight matrices have the shape [out, in].
 DECODER: dict[str, tuple[int, ...]] = {}
 for _layer, _shape in LAYERS.items():
     DECODER |= {f"{_layer}.weight": _shape, f"{_layer}.bias": _shape[:1]}
-# Near and far plane of the official evaluation in scene units, by layout.
+# Near and far plane of the official evaluation in scene units, for each layout.
 _PLANES = {"colmap": (0.5, 100.0), "synthetic": (0.1, 10.0)}
 _BACKGROUNDS = {"colmap": "#000000", "synthetic": "#ffffff"}
 
@@ -89,9 +90,9 @@ def describe(
 ) -> Description:
     """Return the description of a DiffSoup model for its manifest.
 
-    The settings must contain `layout`. The near and far planes depend on the layout and are added here. If
-    `encoding` is "sigmoid", features are numbers in [0, 1]. If it is "lut", they are bytes of the web export,
-    and a byte v means v / 255.
+    The settings must contain `layout`. This function adds the near and far planes, which depend on the
+    layout. With the encoding "sigmoid", features are numbers in [0, 1]. With the encoding "lut", features are
+    bytes from the web export. A byte v represents v / 255.
     """
     layout = str(settings.finish()["layout"].value)
     near, far = _PLANES[layout]
@@ -117,7 +118,7 @@ def describe(
 
 
 def direction(value: Any) -> list[float] | None:
-    """Return three numbers from an array or a list; None if `value` is anything else."""
+    """Return three numbers from an array or a list, or None for any other `value`."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, list | tuple) and len(value) == 3 and all(type(v) in (int, float) for v in value):

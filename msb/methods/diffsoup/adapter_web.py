@@ -22,15 +22,15 @@ from msb.methods.diffsoup.adapter import DECODER, describe, direction, domains
 
 # Largest width of a look-up texture, in texels.
 MAX_WIDTH = 4096
-# The key of the state dict for each key in mlp_weights.json. In the JSON file, weights are flat lists in the
-# order [out][in].
+# For each key in mlp_weights.json, the key of the state dict. In the JSON file, weights are flat lists in
+# the order [out][in].
 WEIGHTS = dict(zip(("W1", "b1", "W2", "b2", "W3", "b3"), DECODER, strict=True))
 
 
 def read(place: Place, content: Content, options: Options) -> Model:
     """Return the model in the folder of `place`.
 
-    Features and opacity remain the bytes of the textures, where a byte v means v / 255.
+    Features and opacity stay bytes, as in the textures. A byte v represents v / 255.
     """
     folder = place.file.parent
     for name in METHOD.bundle:
@@ -41,7 +41,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
     buffers.pop("color", None)
     faces = len(buffers["indices"])
     if not faces:
-        raise CheckpointError("CHECKPOINT_DAMAGED", "it has no faces: the model is empty", file=place.file)
+        raise CheckpointError("CHECKPOINT_DAMAGED", "the model is empty: it has no faces", file=place.file)
     texels, level = _read_textures(folder, faces)
     buffers["features.lattice"] = np.concatenate([texels[0], texels[1][:, :, :3]], axis=2)
     buffers["features.opacity"] = np.ascontiguousarray(texels[1][:, :, 3])
@@ -62,7 +62,7 @@ def texture_size(texels: int) -> tuple[int, int]:
 
 
 def _read_textures(folder: Path, faces: int) -> tuple[list[NDArray[np.uint8]], int]:
-    """Return both textures as (faces, samples, 4), and the lattice level that matches their size."""
+    """Return both textures as (faces, samples, 4), and the level of their lattices."""
     images = [_read_png(folder / name, faces) for name in ("lut0.png", "lut1.png")]
     sizes = {texture_size(faces * samples(level)): level for level in range(MAX_LEVEL, -1, -1)}
     height, width = images[0].shape[:2]
@@ -84,7 +84,7 @@ def _read_png(path: Path, faces: int) -> NDArray[np.uint8]:
         text = f"{path.name} {why}"
         return CheckpointError("CHECKPOINT_DAMAGED", text, file=path.parent, pointer=path.name)
 
-    # the size is checked below instead of by Pillow
+    # disable Pillow's size limit; the code below checks the size
     limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
     try:
         with Image.open(path, formats=("PNG",)) as image:
@@ -94,12 +94,12 @@ def _read_png(path: Path, faces: int) -> NDArray[np.uint8]:
                 valid = ", ".join(f"{w} x {h}" for w, h in sorted(sizes))
                 width, height = image.size
                 raise error(f"is {width} x {height}; {faces} faces need one of these sizes: {valid}")
-            image.verify()  # this checks all checksums; afterwards the file must be opened again
+            image.verify()  # verify the checksums; then Pillow must open the file again
         with Image.open(path, formats=("PNG",)) as image:
             return np.asarray(image)
     except CheckpointError:
         raise
-    except (OSError, ValueError, SyntaxError, EOFError, MemoryError):  # raised by Pillow for broken PNGs
+    except (OSError, ValueError, SyntaxError, EOFError, MemoryError):  # Pillow raises these for broken PNGs
         raise error("is not a complete PNG") from None
     finally:
         Image.MAX_IMAGE_PIXELS = limit

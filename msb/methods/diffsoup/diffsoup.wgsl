@@ -1,9 +1,8 @@
-// DiffSoup: opaque triangles with lattices of features and opacity, and a small decoder. A translation of
-// diffsoup_math.cl and diffsoup_project.cl for graphics hardware; their comments explain more. Sources:
-// kenji-tojo/diffsoup at c74e35d: src/cuda/rasterize.cu, multires.cu, encoding.cu.
+// DiffSoup: opaque triangles with lattices of features and opacity, and a small decoder.
+// This file translates diffsoup_math.cl and diffsoup_project.cl for graphics hardware; the comments there explain more.
+// Sources: kenji-tojo/diffsoup at c74e35d: src/cuda/rasterize.cu, multires.cu, encoding.cu.
 //
-// Before the decoder no products and sums may be fused, because rounding decides which triangle covers a
-// pixel.
+// Before the decoder, products and sums must not be fused, because rounding decides which triangle covers a pixel.
 #if COMPUTE
 #include "source.wgsl"
 #else
@@ -23,7 +22,7 @@ fn clip_of(p: vec3<f32>) -> vec4<f32> {
                      affine(view.full[3], p));
 }
 
-// The raster's row 0 is NDC y = -1, which is the top of the image only in the "colmap" layout.
+// Row 0 of the raster is NDC y = -1, which is the top of the image only in the "colmap" layout.
 fn turned(row: i32) -> i32 { return select(row, i32(view.height) - 1 - row, view.flip == 1u); }
 
 fn centre_of(pixel: i32, size: u32) -> f32 { return keep(div(f32(2 * pixel + 1), f32(size)) - 1.0); }
@@ -40,7 +39,7 @@ struct Meeting {
     inside: bool,
 }
 
-// The point where the ray of the pixel with NDC centre `c` meets a triangle.
+// Returns the point where the ray of the pixel with NDC centre `c` meets a triangle.
 fn meeting_at(c: vec2<f32>, p0: vec4<f32>, p1: vec4<f32>, p2: vec4<f32>) -> Meeting {
     let q0 = keep2(p0.xy - keep2(c * p0.w));
     let q1 = keep2(p1.xy - keep2(c * p1.w));
@@ -64,7 +63,8 @@ fn meeting_at(c: vec2<f32>, p0: vec4<f32>, p1: vec4<f32>, p2: vec4<f32>) -> Meet
 
 const SAMPLES = (SIDE + 1u) * (SIDE + 2u) / 2u;
 
-// The three nodes around a point, and their weights. The second node follows the first in memory.
+// The three lattice nodes around a point, and their weights.
+// The second lattice node follows the first in memory.
 struct Cell {
     first: u32,
     last: u32,
@@ -73,7 +73,7 @@ struct Cell {
 
 fn cell_at(b0: f32, b1: f32) -> Cell {
     let side = i32(SIDE);
-    let scaled = vec2<f32>(b0, b1) * f32(SIDE); // exact, because the factor is a power of two
+    let scaled = vec2<f32>(b0, b1) * f32(SIDE); // the product is exact, because the factor is a power of two
     let x = min(i32(scaled.x), side - 1);
     let y = min(i32(scaled.y), side - 1 - x);
     let u = keep(scaled.x - f32(x));
@@ -98,7 +98,7 @@ fn texel_of(word: u32, number: u32) -> f32 {
 #if COMPUTE
 fn in_range(ndc: f32) -> f32 { return select(select(-1.0, ndc, ndc > -1.0), 1.0, ndc > 1.0); }
 
-// First and last pixel along an axis.
+// First and last pixel along one axis.
 fn pixel_range(a: f32, b: f32, c: f32, size: u32) -> vec2<i32> {
     let low = keep(0.5 * add(min(min(a, b), c), 1.0));
     let high = keep(0.5 * add(max(max(a, b), c), 1.0));
@@ -117,9 +117,9 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     (*face).corner2 = p2;
     (*face).number = vec4<f32>(f32(number & 0xffffu), f32(number >> 16u), coverage[number], 0.0);
     let front = vec3<bool>(p0.w > 0.0, p1.w > 0.0, p2.w > 0.0);
-    // Official code clips nothing: a triangle with a corner at or behind the camera plane is dropped. An
-    // engine keeps the part in front: its rectangle is the whole image, and the depth test discards the part
-    // behind.
+    // The official code clips nothing: a triangle with a corner at or behind the camera plane is dropped.
+    // An engine keeps the part in front.
+    // The rectangle of the triangle is the whole image, and the depth test discards the part behind.
 #if ENGINE
     let dropped = !any(front);
 #else
@@ -152,7 +152,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
 
 @group(0) @binding(7) var<storage, read> features: array<TEXEL>;
 
-// Matrices of four by four weights: output block by output block, in each the input blocks.
+// Weights are in matrices of four by four: output block by output block, each with all its input blocks.
 struct Decoder {
     weight: array<mat4x4<f32>, 36>,
     bias: array<vec4<f32>, 9>,
@@ -167,7 +167,7 @@ fn feature(at: u32) -> f32 {
 #endif
 }
 
-// Features 0 to 3, and 4 to 6.
+// Features 0 to 3, then 4 to 6.
 struct Node {
     low: vec4<f32>,
     high: vec3<f32>,
@@ -177,9 +177,9 @@ fn node_at(at: u32) -> Node {
                 vec3<f32>(feature(at + 4u), feature(at + 5u), feature(at + 6u)));
 }
 
-// The direction from the surface towards the camera: opposite to the pixel's ray, by the cofactors of the
-// rotation, which may not be exactly orthogonal. Official code computes it from the near and far points by
-// the inverse projection, with the same result.
+// The direction from the surface towards the camera is opposite to the pixel's ray.
+// The direction is computed from the cofactors of the rotation, which may not be exactly orthogonal.
+// The official code computes this direction from the near and far points by the inverse projection, with equal results.
 fn towards_camera(c: vec2<f32>) -> vec3<f32> {
     let off = 2.0 * view.shift / vec2<f32>(f32(view.width), f32(view.height));
     // In the "colmap" layout the principal point has the official sign.
@@ -249,22 +249,23 @@ fn opacity_of(at: u32) -> f32 {
 
 // ---- the outline that is drawn for a face
 
-const MARGIN = 0.0625;   // pixels; widens an outline, because hardware snaps corners to 1/256
+const MARGIN = 0.0625;   // in pixels; widens an outline, because hardware snaps corners to 1/256
 const ROUNDING = 1.9073486328125e-6; // 2^-19: thirty-two rounding errors
-const FARTHEST = 16384.0; // pixels; farther corners are rounded too much
-const THINNEST = 0.1;    // pixels; the least height of a triangle above its longest edge
-const LONGEST = 16.0;    // pixels; the largest distance a corner is moved
+const FARTHEST = 16384.0; // in pixels; corners farther away are rounded too much
+const THINNEST = 0.1;    // in pixels; the minimum height of a triangle above its longest edge
+const LONGEST = 16.0;    // in pixels; the largest distance by which a corner is moved
 
 fn picture_of(p: vec4<f32>, half: vec2<f32>) -> vec2<f32> {
     let at = p.xy / p.w * half + half;
     return vec2<f32>(at.x, select(at.y, 2.0 * half.y - at.y, view.flip == 1u));
 }
 
-// Return corner `index` of the strip that is drawn: a corner of the triangle after each edge was moved
-// outwards by more than the rounding errors of the hardware and of the edge functions in `meeting_at`. If
-// this triangle is not much smaller than the rectangle, or is too thin, too far away or too pointed, return
-// `corner`, a corner of the rectangle. The outline only saves fragments; it does not decide which pixels are
-// covered.
+// Returns corner `index` of the drawn triangle strip.
+// The edges of the triangle are moved outwards.
+// The distance exceeds the rounding errors of the hardware and of the edge functions in `meeting_at`.
+// Returns `corner`, a corner of the rectangle, if the moved triangle is unsuitable.
+// Unsuitable triangles are hardly smaller than the rectangle, too thin, too far away or too pointed.
+// The outline only reduces the number of fragments; it does not decide which pixels are covered.
 fn outline(face: Face, index: u32, corner: vec2<f32>) -> vec2<f32> {
     let p = array<vec4<f32>, 3>(face.corner0, face.corner1, face.corner2);
     let half = 0.5 * vec2<f32>(f32(view.width), f32(view.height));
@@ -315,9 +316,10 @@ fn outline(face: Face, index: u32, corner: vec2<f32>) -> vec2<f32> {
 
 fn place_of(face: Face, x: i32, y: i32) -> Place {
     let m = meeting_at(centre_at(x, y), face.corner0, face.corner1, face.corner2);
-    // The official key is NDC depth + 2, between 1 and 3. Minus 1 and divided by 4 it is still exact.
+    // The official depth key is NDC depth + 2, between 1 and 3.
+    // The key minus 1, divided by 4, is still exact.
     var place = Place(m.inside && m.ndc > -1.0, keep(keep(m.ndc + 2.0) - 1.0) * 0.25);
-    // The opacities may be bound in several parts, and an outline may reach beyond the official rectangle.
+    // The opacity array may be bound in several parts, and an outline may reach beyond the official rectangle.
     let at = vec2<f32>(f32(x), f32(y));
     place.inside = place.inside && number_of(face) - part.first < part.count
         && all(at >= face.quad.xy) && all(at <= face.quad.zw);

@@ -1,13 +1,13 @@
-// DiffSoup, CPU style: a work-item draws a band of pixel rows, eight pixels at a time, without atomics.
+// DiffSoup in CPU style: each work-item draws a band of pixel rows, eight pixels at a time, without atomics.
 //
-// Every work-item tests all triangles in their order, so equal depths go to the lowest face number without
-// further rules, and no lists of unknown length are needed. Planes have rows of `pitch` pixels, a multiple of
-// eight.
+// Every work-item tests all triangles in their order.
+// At equal depths, the lowest face number wins automatically, and no lists of unknown length are needed.
+// Each plane has rows of `pitch` pixels, a multiple of eight.
 #define WIDE 1
 #include "diffsoup_math.cl"
 #include "diffsoup_project.cl"
 
-// Planes and tables are aligned and padded to eight elements; texels are not.
+// Planes and tables are aligned and padded to eight elements; texel arrays are not.
 #define EIGHT(type, pointer) (*(__global type##8 *)(pointer))
 typedef struct __attribute__((packed)) {
     float4 four;
@@ -40,13 +40,15 @@ static float8 opacity_at(__global const TEXEL *lattice, int side, float8 b0, flo
     return c.w0 * d0 + c.w1 * d1 + c.w2 * d2;
 }
 
-// The columns of a row that can meet a triangle, so that the rest of its rectangle is skipped.
+// The columns of a row that can meet a triangle; the rest of the triangle's rectangle is skipped.
 //
-// A pixel is inside if the rounded A0, A1 and A2 (fragment_at) have the same sign. Exactly, A_i = a_i u + b_i v
-// + c_i; the difference is below `error`, a bound of all rounding for |u|, |v| <= 1. So each edge leaves a
-// half-line of u, and their intersection contains every pixel that the rules accept.
+// A pixel is inside if the rounded A0, A1 and A2 (fragment_at) have the same sign.
+// In exact arithmetic, A_i = a_i u + b_i v + c_i.
+// For |u|, |v| <= 1, the rounded value differs by less than `error`.
+// In a row, each edge limits u to a half-line.
+// The intersection of the three half-lines contains every pixel that is inside.
 typedef struct {
-    float b[3], c[3], k[3]; // u = (b v + c) k is the end of edge i's half-line: its left end if k < 0
+    float b[3], c[3], k[3]; // u = (b v + c) k is the end of edge i's half-line, its left end if k < 0
     int known;
 } Span;
 
@@ -55,7 +57,7 @@ static Span span_of(float4 p0, float4 p1, float4 p2, int2 columns)
     Span s;
     s.known = 0;
     if (columns.y - columns.x <= 8)
-        return s; // a narrow rectangle is faster without this
+        return s; // a narrow rectangle is drawn faster without the spans
     float4 q[3] = {p1, p2, p0}, r[3] = {p2, p0, p1};
     float a[3], size = 0.0f;
     for (int i = 0; i < 3; i++) {
@@ -67,10 +69,11 @@ static Span span_of(float4 p0, float4 p1, float4 p2, int2 columns)
         k = fabs(k);
         size += (j.x + j.w) * (k.y + k.w) + (k.x + k.w) * (j.y + j.w);
     }
-    // 2^-20 is sixteen rounding errors; at most ten add up.
+    // 2^-20 is sixteen rounding errors, and at most ten rounding errors add up.
     float error = size * 0x1p-20f, turn = s.c[0] * p0.w + s.c[1] * p1.w + s.c[2] * p2.w;
     // The span is unknown for triangles that are seen nearly edge-on, or are too large or too small for
-    // float32, because rounding may give A any sign.
+    // float32.
+    // Rounding may then give A any sign.
     s.known = error > 1e-30f && fabs(turn) > 4.0f * error * (fabs(p0.w) + fabs(p1.w) + fabs(p2.w));
     float sign = turn > 0.0f ? 1.0f : -1.0f;
     for (int i = 0; i < 3; i++) {
@@ -83,7 +86,7 @@ static Span span_of(float4 p0, float4 p1, float4 p2, int2 columns)
     return s;
 }
 
-// First and last column of the row at v that may be inside, widened by one pixel at both ends.
+// First and last column that may be inside in the row at v, widened by one pixel at both ends.
 static int2 row_columns(const Span *s, float v, int2 columns, float width)
 {
     float low = -1.0f, high = 1.0f;
@@ -100,7 +103,7 @@ static int2 row_columns(const Span *s, float v, int2 columns, float width)
     return (int2)(HIGHER(first, columns.x), LOWER(last, columns.y));
 }
 
-// Draw one triangle into rows from..to of the planes; return the number of its fragments there.
+// Draw one triangle into the rows from..to of the planes; return the number of its fragments there.
 static ulong draw(Planes planes, int face, float4 p0, float4 p1, float4 p2, __global const TEXEL *lattice,
                   int side, int opaque, int2 box, int from, int to, __global const float *ndc_x,
                   __global const float *ndc_y, uint width, uint pitch)
@@ -174,8 +177,8 @@ __kernel void raster(__global const float4 *corners, __global const ushort *firs
     fragments[band] = count;
 }
 
-// Seven texels of a node in two loads of four; the fourth texel is loaded twice, so that no load exceeds the
-// lattice.
+// Two loads of four read the seven texels of a node.
+// The fourth texel is loaded twice, so that no load exceeds the lattice.
 #if TEXEL_SCALE == 1
 #define FOUR(p) (((__global const Unaligned *)(p))->four)
 #else
@@ -197,7 +200,7 @@ static void features_at(__global const TEXEL *lattice, int side, int8 faces, flo
         __global const TEXEL *first = p + node0[lane] * FEATURES, *last = p + node2[lane] * FEATURES;
         r[lane] = w0[lane] * NODE(first) + w1[lane] * NODE(first + FEATURES) + w2[lane] * NODE(last);
     }
-    // From one vector per pixel to one vector per feature: a transposition in three rounds of shuffles.
+    // Turn one vector per pixel into one vector per feature: a transposition in three rounds of shuffles.
     float8 s[8];
     for (int i = 0; i < 8; i += 2) {
         s[i] = (float8)(r[i].s0, r[i + 1].s0, r[i].s1, r[i + 1].s1, r[i].s4, r[i + 1].s4, r[i].s5, r[i + 1].s5);
@@ -217,7 +220,7 @@ static void features_at(__global const TEXEL *lattice, int side, int8 faces, flo
     }
 }
 
-// One row of the image, in the image's order of rows; buffers of `raw` keep the raster's order.
+// Write one row of the image, in the image's order of rows; buffers of `raw` keep the raster's order.
 __kernel void shade(__global const int *plane_face, __global const float *plane_ndc,
                     __global const float *plane_b0, __global const float *plane_b1,
                     __global const float *plane_w, __global const TEXEL *lattice, __constant float *net,

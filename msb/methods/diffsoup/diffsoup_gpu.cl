@@ -1,10 +1,12 @@
-// DiffSoup, GPU style: a work-group draws one triangle with atomics, a work-item shades one pixel. Additional
-// defines: GROUP, the size of the work-groups of `raster`; KEYS, whether 64-bit atomics exist.
+// DiffSoup in GPU style: a work-group draws one triangle with atomics, and a work-item shades one pixel.
+// Further defines are GROUP, the size of the work-groups of `raster`, and KEYS, whether 64-bit atomics exist.
 //
-// A pixel's key has 64 bits: the upper half is the bits of depth + 2 minus the bits of 1, the lower half the
-// face number. The smallest key is the nearest fragment, with the lowest face number at equal depth, in any
-// order of fragments. Without 64-bit atomics (KEYS 0) the triangles are drawn twice: first the depths, then
-// the faces at the pixel's depth.
+// The key of a pixel has 64 bits.
+// The upper half is the bits of depth + 2 minus the bits of 1; the lower half is the face number.
+// The smallest key is the nearest fragment, in any order of fragments.
+// At equal depths, the smallest key has the lowest face number.
+// Without 64-bit atomics (KEYS 0) the triangles are drawn twice.
+// The first pass finds depths, and the second pass finds the faces at these depths.
 #define WIDE 0
 #include "diffsoup_math.cl"
 #include "diffsoup_project.cl"
@@ -13,7 +15,7 @@
 #pragma OPENCL EXTENSION cl_khr_int64_extended_atomics : enable
 #endif
 
-// The halves of a little-endian key; a pixel has two words.
+// The two halves of a little-endian key; a pixel has two words.
 #define FACE_OF(key) (key)[0]
 #define DEPTH_OF(key) (key)[1]
 #define NOTHING 0xffffffffu
@@ -26,8 +28,8 @@ static float opacity_at(__global const TEXEL *lattice, int side, float b0, float
     return c.w0 * d0 + c.w1 * d1 + c.w2 * d2;
 }
 
-// Whether a fragment may change the pixel; `depth` is the upper half of its key. Keys only decrease, so a
-// smaller key that was read earlier is sufficient to reject it.
+// Returns whether a fragment may change the pixel; `depth` is the upper half of the fragment's key.
+// Keys only decrease, so an earlier read of a smaller key suffices to reject the fragment.
 static bool may_win(__global uint *key, uint depth, uint face, int pass)
 {
 #if KEYS
@@ -50,7 +52,8 @@ static void win(__global uint *key, uint depth, uint face, int pass)
 #endif
 }
 
-// keys must be filled with NOTHING and fragments with 0. Fragments are counted in the first pass.
+// `keys` must be filled with NOTHING, and `fragments` with 0.
+// Fragments are counted only in the first pass.
 __kernel void raster(__global const float4 *corners, __global const ushort *first_rows,
                      __global const ushort *last_rows, __global const ushort2 *columns,
                      __global const TEXEL *opacity, __global const uchar *opaque,
@@ -70,8 +73,9 @@ __kernel void raster(__global const float4 *corners, __global const ushort *firs
         if (!f.valid)
             continue;
         count++;
-        // Depth + 2 is at least 1. The difference makes it an integer: in Mesa's llvmpipe (22.3) atomics have
-        // no effect if they are given the bits of a float.
+        // The bits of depth + 2 minus the bits of 1 are a non-negative integer, because depth + 2 is at least
+        // 1. An integer is needed, because atomics of Mesa's llvmpipe (22.3) have no effect on the bits of a
+        //    float.
         uint depth = as_uint(f.ndc + 2.0f) - as_uint(1.0f);
         __global uint *key = keys + 2 * ((size_t)row * width + column);
         if (!(f.ndc > -1.0f) || !may_win(key, depth, (uint)face, pass))
@@ -83,8 +87,9 @@ __kernel void raster(__global const float4 *corners, __global const ushort *firs
         atomic_add(fragments + face, count);
 }
 
-// Shade one pixel. The rows of the image may run in the opposite order to the rows of the raster; the
-// buffers of `raw` keep the raster's order.
+// Shade one pixel.
+// The rows of the image may run in the opposite order to the rows of the raster.
+// The buffers of `raw` keep the raster's order.
 __kernel void shade(__global const uint *keys, __global const float4 *corners,
                     __global const TEXEL *lattice, __constant float *net, __global const float *frame,
                     __global const float *ndc_x, __global const float *ndc_y, __global float *image,

@@ -1,15 +1,18 @@
-// DiffSoup: computations that both styles of kernels share, for one pixel or for eight.
+// DiffSoup: computations that both kernel styles share, for one pixel or for eight pixels.
 //
-// With WIDE 1 a `real` is a float8, eight neighbouring pixels, because CPU compilers do not vectorise loops
-// with a data-dependent length. With WIDE 0 it is a float. Operations and their order are equal, so both
-// styles give the same bits on the same device.
+// If WIDE is 1, a `real` is a float8 for eight neighbouring pixels.
+// CPU compilers do not vectorise loops with a data-dependent length.
+// If WIDE is 0, a `real` is a float.
+// The operations and their order are equal, so both styles give equal bits on one device.
 //
-// Before the decoder no products and sums may be fused, because rounding decides which triangle covers a
-// pixel.
+// Before the decoder, products and sums must not be fused.
+// The rounding of these operations decides which triangle covers a pixel.
 //
-// Operators are used instead of OpenCL functions (?: for select, casts for vload8). PoCL's CPU driver
-// compiles those functions as library calls, which take several times as long as a single instruction.
-// Defines: WIDE, TEXEL (float or uchar), TEXEL_SCALE (1 or 255). `side` is 2^level of the lattices.
+// Operators replace OpenCL functions: ?: replaces select, and casts replace vload8.
+// PoCL's CPU driver compiles such functions as library calls.
+// A call takes several times as long as one instruction.
+// The defines are WIDE, TEXEL (float or uchar) and TEXEL_SCALE (1 or 255).
+// The parameter `side` is 2^level of the lattices.
 #pragma OPENCL FP_CONTRACT OFF
 
 #define FEATURES 7
@@ -39,11 +42,13 @@ typedef int whole;
 #if TEXEL_SCALE == 1
 #define DECODED(x) (x)
 #else
-// A correctly rounded division. A product with 1/255 differs in the last bit.
+// The division is correctly rounded.
+// A product with 1/255 would differ in the last bit.
 #define DECODED(x) ((x) / (float)TEXEL_SCALE)
 #endif
 
-// The record that the host writes for each frame, all float32: offsets into one buffer.
+// The layout of the record that the host writes for each frame, all float32.
+// The values are offsets into one buffer.
 #define MVP 0
 #define INVERSE 16
 #define BACKGROUND 32
@@ -52,10 +57,11 @@ typedef struct {
     real b0, b1; // barycentric coordinates of corners 0 and 1, linear in world space
     real ndc;    // z / w
     real w;      // the camera's z
-    whole valid; // inside (edges included), and between the near and the far plane
+    whole valid; // the point is inside (edges included), and between the near and the far plane
 } Fragment;
 
-// The point where the ray of a pixel with NDC centre (u, v) meets a triangle given by its clip coordinates.
+// Returns the point where the ray of a pixel with NDC centre (u, v) meets a triangle.
+// The corners p0, p1 and p2 are in clip coordinates.
 static Fragment fragment_at(real u, float v, float4 p0, float4 p1, float4 p2)
 {
     float qy0 = p0.y - v * p0.w, qy1 = p1.y - v * p1.w, qy2 = p2.y - v * p2.w;
@@ -67,7 +73,7 @@ static Fragment fragment_at(real u, float v, float4 p0, float4 p1, float4 p2)
     Fragment f;
     f.b0 = a0 * k;
     f.b1 = a1 * k;
-    // An area of 0 needs no test: it makes b0 and b1 infinite or NaN, which counts as outside.
+    // An area of 0 needs no test, because b0 and b1 become infinite or NaN, which counts as outside.
     f.valid = (f.b0 >= 0.0f) & (f.b1 >= 0.0f) & (f.b0 + f.b1 <= 1.0f);
     real b2 = 1.0f - f.b0 - f.b1;
     real z = f.b0 * p0.z + f.b1 * p1.z + b2 * p2.z;
@@ -77,13 +83,14 @@ static Fragment fragment_at(real u, float v, float4 p0, float4 p1, float4 p2)
     return f;
 }
 
-// The three lattice nodes around a point of a face, and their weights. Node 1 always follows node 0.
+// The three lattice nodes around a point of a face, and their weights.
+// Lattice node 1 always follows node 0 in memory.
 typedef struct {
     whole node0, node2;
     real w0, w1, w2;
 } Cell;
 
-// b0 and b1 must not be negative, so that conversion to int rounds down.
+// The coordinates b0 and b1 must not be negative, so that conversion to int rounds down.
 static Cell cell_at(real b0, real b1, int side)
 {
     real u = b0 * (float)side, v = b1 * (float)side;
@@ -139,20 +146,21 @@ static void harmonics(real x, real y, real z, real *e)
     e[8] = 0.5462742152960396f * (x * x - y * y);
 }
 
-// From here on products and sums may be fused, because no decision depends on the result.
+// From here on products and sums may be fused, because no decision depends on the rounding.
 #pragma OPENCL FP_CONTRACT ON
 
-// exp(x) to 2 ulp; beyond +-87 the logistic function is constant. Implemented here so that one pixel and
-// eight give the same bits, which the scalar and vector functions of a platform may not.
+// exp(x) is accurate to 2 ulp; beyond +-87 the logistic function is constant. exp is implemented here so that
+// one pixel and eight pixels give equal bits.
+// The scalar and vector functions of a platform may differ.
 static real exponential(real x)
 {
     const real most = 87.0f, least = -87.0f;
     x = LOWER(x, most);
     x = HIGHER(x, least);
-    const float shift = 12582912.0f; // 1.5 * 2^23: adding it rounds to an integer, which the low bits then contain
+    const float shift = 12582912.0f; // 1.5 * 2^23; adding it leaves the rounded integer in the low bits
     real t = x * 1.44269504f + shift;
     real n = t - shift;
-    real r = x - n * 0.693359375f; // ln 2 in two parts
+    real r = x - n * 0.693359375f; // ln 2, split into two parts
     r = r + n * 2.12194440e-4f;
     real p = r * (1.0f / 5040) + 1.0f / 720;
     p = p * r + 1.0f / 120;
@@ -164,8 +172,8 @@ static real exponential(real x)
     return p * AS_REAL((AS_WHOLE(t) - 0x4b400000 + 127) << 23);
 }
 
-// One hidden layer with 16 inputs, 16 outputs and ReLU. Eight sums are computed side by side, to hide the
-// latency of each product.
+// One hidden layer with 16 inputs, 16 outputs and ReLU.
+// Eight sums are computed side by side, to hide the latency of each product.
 static void hidden_layer(const real *x, __constant const float *weight, __constant const float *bias, real *y)
 {
     const real zero = 0.0f;
@@ -195,7 +203,8 @@ static void hidden_layer(const real *x, __constant const float *weight, __consta
     }
 }
 
-// Colour of features and harmonics x[16]. `net`: weights and biases of the three layers, one after the other.
+// Returns the colour of features and harmonics x[16].
+// The array `net` has the weights and biases of the three layers, one after another.
 static void decode(const real *x, __constant const float *net, real *color)
 {
     real h1[16], h2[16];
@@ -223,5 +232,5 @@ static real as_target(real feature)
     return TO_REAL(TO_WHOLE(feature * 255.0f + 0.5f)) / 255.0f;
 }
 
-// Files that include this one set their rule for fusing again.
+// Files that include this file set their fusing rule again.
 #pragma OPENCL FP_CONTRACT OFF

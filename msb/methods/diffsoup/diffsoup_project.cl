@@ -1,6 +1,7 @@
-// DiffSoup: clip coordinates and pixel rectangle of every triangle; both styles. Included after diffsoup_math.cl.
+// DiffSoup: clip coordinates and pixel rectangle of every triangle, for both kernel styles.
+// Included after diffsoup_math.cl.
 
-#define NO_ROW 65535 // images have fewer rows: a triangle that starts at this row has no pixels
+#define NO_ROW 65535 // images have fewer rows, so a triangle that starts at this row has no pixels
 
 static float4 to_clip(__global const float *m, __global const float *positions, uint vertex)
 {
@@ -16,7 +17,8 @@ static float in_range(float ndc)
     return isfinite(ndc) ? clamp(ndc, -1.0f, 1.0f) : ndc > 0.0f ? 1.0f : -1.0f;
 }
 
-// First and last pixel along an axis of `size` pixels; the first is greater than the last for an empty range.
+// First and last pixel along an axis of `size` pixels.
+// In an empty range, the first pixel is greater than the last.
 static int2 pixel_range(float a, float b, float c, uint size)
 {
     float low = min(min(a, b), c), high = max(max(a, b), c);
@@ -25,7 +27,8 @@ static int2 pixel_range(float a, float b, float c, uint size)
     return (int2)(first, last);
 }
 
-// The kernel is launched with `padded` >= `faces` work-items; the arrays of rectangles end with empty ones.
+// The kernel is launched with `padded` >= `faces` work-items.
+// The arrays of rectangles end with empty rectangles.
 __kernel void project(__global const float *positions, __global const uint *indices,
                       __global const float *frame, __global float4 *corners, __global ushort *first_rows,
                       __global ushort *last_rows, __global ushort2 *columns, uint faces, uint padded,
@@ -46,9 +49,9 @@ __kernel void project(__global const float *positions, __global const uint *indi
     corners[3 * face + 1] = p1;
     corners[3 * face + 2] = p2;
 
-    // Official code clips nothing: a triangle with a corner at or behind the camera plane is dropped. An
-    // engine keeps the part in front: its rectangle is the whole image, and the depth test discards the part
-    // behind.
+    // The official code clips nothing: a triangle with a corner at or behind the camera plane is dropped.
+    // An engine keeps the part in front.
+    // The rectangle of the triangle is the whole image, and the depth test discards the part behind.
     bool crosses = !(p0.w > 0.0f && p1.w > 0.0f && p2.w > 0.0f);
     if (crosses && (!ENGINE || !(p0.w > 0.0f || p1.w > 0.0f || p2.w > 0.0f)))
         return;

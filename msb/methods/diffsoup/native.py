@@ -1,4 +1,4 @@
-"""Native rendering of DiffSoup in OpenCL: a z-buffer with binary opacity, lattice features and their decoder.
+"""Native rendering of DiffSoup in OpenCL: a z-buffer with binary opacity, feature lattices and their decoder.
 
 Rules: kenji-tojo/diffsoup at c74e35d: src/cuda/rasterize.cu, multires.cu, encoding.cu;
 python/diffsoup/rasterize.py; viewer/src/viewer.cpp (for `viewer`). docs/diffsoup.md describes the image
@@ -26,25 +26,25 @@ from msb.scenes import Camera
 
 __all__ = ["Pipeline", "surface_model"]
 
-# Spherical harmonics of the view direction that the decoder reads (degree 2).
+# Number of spherical harmonics of the view direction that the decoder reads (degree 2).
 HARMONICS = 9
-# Pixels or triangles that a CPU work-item processes at once (SIMD lanes).
+# Number of pixels or triangles that a CPU work-item processes at once (SIMD lanes).
 _LANES = 8
-# Work-items per work-group of the projection.
+# Work-items per work-group of the projection kernel.
 _PROJECT_GROUP = 64
-# Work-items that draw one triangle in the GPU style; most triangles cover a few hundred pixels.
+# Work-items that draw one triangle in GPU style; most triangles cover a few hundred pixels.
 _RASTER_GROUP = 32
-# Work-items per work-group of the shading.
+# Work-items per work-group of the shading kernel.
 _SHADE_GROUP = 64
-# Largest number of rows of a band in the CPU style. The planes of a band (20 bytes per pixel) then fit into a
-# core's cache.
+# Largest number of pixel rows of a band in CPU style. The planes of a band (20 bytes per pixel) then fit
+# into a core's cache.
 _BAND_ROWS = 16
-# Least number of bands per compute unit, to balance the load.
+# Minimum number of bands per compute unit, to balance the load.
 _BANDS_A_UNIT = 4
 
 
 class _Raster(NamedTuple):
-    """The size of the image, and the length of its rows on the device, in pixels."""
+    """The size of the image, and the length of its rows on the device in pixels."""
 
     width: int
     height: int
@@ -52,7 +52,7 @@ class _Raster(NamedTuple):
 
 
 class _Queued(NamedTuple):
-    """The buffers that a frame leaves on the device, and the matrices that it was drawn with."""
+    """The buffers that a frame leaves on the device, and the matrices used for drawing it."""
 
     outputs: tuple[Buffer, ...]
     raws: dict[str, Buffer]
@@ -65,12 +65,12 @@ class _Queued(NamedTuple):
 
 
 class Pipeline(OnDevice):
-    """Renders DiffSoup models by the rules of the official evaluation; the model stays on the device.
+    """Renders DiffSoup models by the rules of the official evaluation. The model stays on the device.
 
     Parameters
     ----------
     asset : Asset
-        An asset with lattices of numbers, or of bytes from the official web export, which mean value / 255.
+        An asset with lattices of numbers, or of bytes from the official web export; a byte v means v / 255.
     device : str or Device, optional
         A selector (`msb.cl.shared_device`), or an open device, which stays open.
     settings : mapping, optional
@@ -81,10 +81,10 @@ class Pipeline(OnDevice):
         Has no effect, because the image of a z-buffer does not depend on the order of triangles.
     sampling : {"official", "engine"}
         With "engine" a triangle that crosses the camera plane is clipped, like in hardware, instead of
-        dropped. All other rules of sampling follow hardware in both modes.
+        dropped. Both modes follow graphics hardware in all other rules of sampling.
     viewer : bool
         Whether to imitate the official viewers: lattices are truncated to bytes, and interpolated features
-        are rounded to bytes. The viewers also clip triangles, which is `sampling` "engine".
+        are rounded to bytes. The official viewers also clip triangles, which `sampling` "engine" imitates.
     """
 
     name = "msb-dedicated"
@@ -110,8 +110,8 @@ class Pipeline(OnDevice):
         self._scope = DeviceScope(device, "diffsoup")
         self._device, self._static = self._scope.device, self._scope.kept
         self._scratch = self._scope.scratch
-        # CPU style: bands of rows, without atomics. GPU style: one atomic operation per fragment, in two
-        # passes if atomics have only 32 bits.
+        # CPU style: draw bands of rows, without atomics. GPU style: one atomic operation per fragment, in
+        # two passes if atomics have only 32 bits.
         self._bands = self._device.style == "cpu"
         self._passes = 1 if self._device.record.int64_atomics else 2
         with self._scope.setting_up():
@@ -133,12 +133,13 @@ class Pipeline(OnDevice):
     def render(self, camera: Camera, background: tuple[float, float, float]) -> Frame:
         """Return the frame of `camera`; pixels without a triangle have exactly the colour `background`.
 
-        The official background is black in the "colmap" layout and white in the "synthetic" one.
+        The official background is black in the "colmap" layout, and white in the "synthetic" layout.
 
         Parameters
         ----------
         camera : Camera
-            OpenCV axes in both layouts. In "colmap" cy is used with the official sign (docs/diffsoup.md).
+            OpenCV axes in both layouts. In the layout "colmap", cy is used with the official sign
+            (docs/diffsoup.md).
         background : (float, float, float)
             RGB in the asset's colour space.
 
@@ -147,11 +148,11 @@ class Pipeline(OnDevice):
         Frame
             `alpha` is 1 or 0, `depth` the camera's z of the visible triangle, `visible` the faces that are
             visible in at least one pixel, `timings` the stages clear, project, raster, decode and read.
-            `raw`, in the raster's order of rows (row 0 is NDC y = -1): `mvp`, `mvp_inv` (4, 4) float32 and
-            `tri_id` (H, W) int32, -1 in empty pixels; with the output "raw" also `bary01` (H, W, 2), `depth`
-            (H, W) NDC, `features` (H, W, 7), `sh` (H, W, 9), float32 and 0 in empty pixels, `clip_corners`
-            (F, 3, 4) float32, and `num_fragments`, the number of fragments between the planes before the
-            opacity test.
+            `raw` has arrays in the raster's order of rows (row 0 is NDC y = -1): `mvp`, `mvp_inv` (4, 4)
+            float32 and `tri_id` (H, W) int32, -1 in empty pixels; with the output "raw" also `bary01` (H,
+            W, 2), `depth` (H, W) NDC, `features` (H, W, 7), `sh` (H, W, 9), float32 and 0 in empty pixels,
+            `clip_corners` (F, 3, 4) float32, and `num_fragments`, the number of fragments between the
+            planes before the opacity test.
         """
         device = self._device
         with device.timing() as timing:
@@ -186,7 +187,7 @@ class Pipeline(OnDevice):
         return DrawTime(timing.milliseconds(), timing.span(), timing.since_queued())
 
     def _queue(self, camera: Camera, background: tuple[float, float, float]) -> _Queued:
-        """Queue all commands of a frame except reading back."""
+        """Queue all commands of a frame, except reading results back."""
         layout = self._settings["layout"]
         near, far = self._settings["z_near"], self._settings["z_far"]
         mvp, inverse = diffsoup_matrices(camera, layout, near, far)
@@ -205,7 +206,7 @@ class Pipeline(OnDevice):
         return _Queued(outputs, raws, visible, fragments, scene["corners"], mvp, inverse, flip)
 
     def _project(self, raster: _Raster, frame: Any) -> dict[str, Buffer]:
-        """Queue the projection of all triangles; return the buffers of the frame that drawing needs."""
+        """Queue the projection of all triangles; return the buffers that are needed to draw the frame."""
         scene = {
             "frame": self._scratch("frame", len(frame)),
             "corners": self._scratch("corners", (self._faces, 3, 4)),
@@ -229,7 +230,8 @@ class Pipeline(OnDevice):
         return scene
 
     def _draw_bands(self, raster: _Raster, scene: dict[str, Buffer]) -> tuple[tuple[Buffer, ...], Buffer]:
-        """Queue the drawing in bands of rows (CPU style); return z-buffer planes and fragment counts."""
+        """Queue the drawing in bands of rows (CPU style); return the z-buffer planes and the fragment
+        counts."""
         units = self._device.record.compute_units
         rows = max(1, min(_BAND_ROWS, raster.height // (_BANDS_A_UNIT * units)))
         bands = -(-raster.height // rows)
@@ -253,7 +255,7 @@ class Pipeline(OnDevice):
         return (face, ndc, b0, b1, w), fragments
 
     def _draw_groups(self, raster: _Raster, scene: dict[str, Buffer]) -> tuple[tuple[Buffer, ...], Buffer]:
-        """Queue the drawing by work-groups (GPU style); return z-buffer keys and fragment counts."""
+        """Queue the drawing by work-groups (GPU style); return the z-buffer keys and the fragment counts."""
         keys = self._scratch("keys", (raster.height, raster.width, 2), np.uint32, group="targets")
         fragments = self._scratch("fragments", self._faces, np.uint32)
         with self._device.stage("clear"):
@@ -274,7 +276,7 @@ class Pipeline(OnDevice):
         return (keys, scene["corners"]), fragments
 
     def _triangles(self, scene: dict[str, Buffer]) -> tuple[Buffer, ...]:
-        """Return the arguments of both `raster` kernels that describe the triangles."""
+        """Return the arguments that describe the triangles for both `raster` kernels."""
         frame = (scene[name] for name in ("corners", "first rows", "last rows", "columns"))
         static = self._static["lattice opacity"], self._static["opaque faces"]
         return (*frame, *static, scene["ndc x"], scene["ndc y"])
@@ -287,7 +289,8 @@ class Pipeline(OnDevice):
         visible: Buffer,
         flip: bool,
     ) -> tuple[tuple[Buffer, ...], dict[str, Buffer]]:
-        """Queue interpolation and decoding of the visible features; return outputs and raw buffers."""
+        """Queue interpolation and decoding of the visible features; return the outputs and the raw
+        buffers."""
         shape = (raster.height, raster.width)
         outputs = (
             self._scratch("image", (*shape, 3), group="targets"),

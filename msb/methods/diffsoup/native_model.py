@@ -1,4 +1,4 @@
-"""The checked arrays of an asset and the matrices of a camera, for native rendering of DiffSoup.
+"""The checked arrays of an asset, and the matrices of a camera, for native rendering of DiffSoup.
 
 `native` renders in OpenCL; `surface_model` describes the model for WebGPU (diffsoup.wgsl).
 """
@@ -18,9 +18,9 @@ from msb.methods.diffsoup import FEATURES, LAYERS, check_level, samples
 from msb.render.surface import Surface
 from msb.scenes import Camera
 
-# Least opacity of an opaque sample.
+# Minimum opacity of an opaque sample.
 THRESHOLD = 0.5
-# A margin larger than the rounding error of interpolation for values up to 2.
+# The margin exceeds the rounding error of interpolation for values up to 2.
 _MARGIN = 1e-5
 
 
@@ -33,12 +33,12 @@ class DiffSoupModel:
     positions : (V, 3) float32
     indices : (F, 3) uint32
     features : (F, S, 7) float32 or uint8
-        Bytes mean value / 255.
+        A byte v means v / 255.
     opacity : (F, S), with the dtype of `features`
     opaque : (F,) uint8
         1 for faces whose interpolated opacity cannot be below the threshold.
     decoder : (595,) float32
-        Weight [out][in] and bias of each layer, one after the other.
+        Weights [out][in] and biases of each layer, one layer after another.
     level : int
         The level of the lattices, which have S = (2^level + 1)(2^level + 2) / 2 samples.
     """
@@ -60,7 +60,7 @@ def diffsoup_model(asset: Asset, *, quantise: bool = False) -> DiffSoupModel:
     asset : Asset
         An asset with `compositing.kind` "binary_z_buffer" in its manifest.
     quantise : bool
-        Whether lattices of numbers are converted to bytes like in the official web export: trunc(clip(255 x,
+        Whether lattices of numbers are converted to bytes as in the official web export: trunc(clip(255 x,
         0, 255)), with the product in float32 (kenji-tojo/diffsoup: examples/06_export_web.py).
     """
     require(asset, "compositing", "kind", "binary_z_buffer")
@@ -72,7 +72,7 @@ def diffsoup_model(asset: Asset, *, quantise: bool = False) -> DiffSoupModel:
     features = required_buffer(asset, "features.lattice", faces, samples(level), FEATURES)
     opacity = required_buffer(asset, "features.opacity", faces, samples(level))
     if features.dtype != opacity.dtype:
-        text = f"features.lattice is {features.dtype}, features.opacity {opacity.dtype}; they must be equal"
+        text = f"features.lattice is {features.dtype}, but features.opacity is {opacity.dtype}; use one type"
         raise AssetError("TRIASSET_BUFFER", text, file=asset.path, pointer="/buffers/features.opacity")
     if quantise:
         features, opacity = _as_bytes(features), _as_bytes(opacity)
@@ -94,7 +94,7 @@ def _as_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _always_opaque(opacity: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return 1 for each face if all its samples exceed the threshold by the margin, otherwise 0."""
+    """Return 1 for each face whose samples all exceed the threshold by the margin, otherwise 0."""
     scale = 255 if opacity.dtype == np.uint8 else 1
     low, high = opacity.min(axis=1), opacity.max(axis=1)
     return np.asarray((low >= (THRESHOLD + _MARGIN) * scale) & (high <= 2 * scale), np.uint8)
@@ -110,9 +110,10 @@ def diffsoup_matrices(
     camera : Camera
         OpenCV axes in both layouts.
     layout : {"colmap", "synthetic"}
-        "colmap": V negates the camera's z, NDC y grows downwards, and cy has the official sign, which is the
-        opposite of the correct one. "synthetic": V negates y and z, and NDC y grows upwards. Official code
-        assumes a principal point in the middle; this function uses the camera's.
+        "colmap": the matrix V negates the camera's z, NDC y grows downwards, and cy has the official sign,
+        which is the opposite of the correct one. "synthetic": the matrix V negates y and z, and NDC y grows
+        upwards. The official code assumes a principal point in the middle, but this function supports any
+        principal point.
     near, far : float
         Camera depths in scene units that become NDC -1 and 1.
 
@@ -124,9 +125,9 @@ def diffsoup_matrices(
     Notes
     -----
     Formulas: kenji-tojo/diffsoup: examples/utils.py ("colmap", in float32 from a float32 K),
-    examples/02_synthetic.py ("synthetic", in double, then rounded). The product is summed from first to last,
-    like the official one on a CPU. The inverse is computed in double and rounded, because the last bits of
-    the official float32 inverse depend on the linear algebra library.
+    examples/02_synthetic.py ("synthetic", in double, then rounded). The matrix product is summed from first
+    to last, like the official product on a CPU. The inverse is computed in double and rounded, because the
+    last bits of the official float32 inverse depend on the linear algebra library.
     """
     real: Any = np.float32 if layout == "colmap" else np.float64
     width, height, two, unit = real(camera.width), real(camera.height), real(2), real(1)
@@ -161,7 +162,7 @@ def pixel_centers(size: int, padded: int) -> NDArray[np.float32]:
 
 
 def surface_model(asset: Asset, settings: Mapping[str, Any]) -> Surface:
-    """Return `asset` in the form that diffsoup.wgsl reads."""
+    """Return the arrays and settings of `asset` in the form that diffsoup.wgsl reads."""
     model = diffsoup_model(asset)
     layout, near, far = settings["layout"], settings["z_near"], settings["z_far"]
 
@@ -186,7 +187,7 @@ def surface_model(asset: Asset, settings: Mapping[str, Any]) -> Surface:
 
 
 def _pack_blocks(decoder: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the weights of the decoder in 4 x 4 blocks, each column by column, and then all biases."""
+    """Return the weights of the decoder in 4 x 4 blocks, each stored by columns, and then all biases."""
     weights, biases, first = [], [], 0
     for outputs, inputs in LAYERS.values():
         padding = -outputs % 4

@@ -14,10 +14,10 @@ from msb.meshes.files import write_mesh
 from msb.meshes.mesh import Mesh
 from msb.methods.diffsoup.adapter_web import WEIGHTS, texture_size
 
-# A folder has no suffix.
+# The format is a folder, so it has no suffix.
 SUFFIXES = ("",)
 
-# Name of an axis -> its unit vector.
+# For each axis name, the unit vector.
 _UP = {
     f"{sign}{axis}": [length if axis == other else 0.0 for other in "xyz"]
     for sign, length in (("+", 1.0), ("-", -1.0))
@@ -28,7 +28,7 @@ _UP = {
 def write(asset: Asset, path: Path) -> None:
     """Write a folder for the web viewer: mesh.ply, two textures, the decoder and meta.json.
 
-    kenji-tojo/diffsoup at c74e35d: examples/06_export_web.py.
+    The format follows kenji-tojo/diffsoup at c74e35d: examples/06_export_web.py.
     """
     buffers, appearance = asset.buffers, asset.manifest.appearance
     lattice, opacity = _to_bytes(buffers["features.lattice"]), _to_bytes(buffers["features.opacity"])

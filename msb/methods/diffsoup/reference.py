@@ -23,9 +23,10 @@ from msb.scenes import Camera
 
 # Fragments of lower opacity are discarded.
 OPACITY_THRESHOLD = 0.5
-# The feature that blends the decoder's colour with the base colour (features 0 to 2).
+# Number of the feature that blends the decoder's colour with the base colour. Features 0 to 2 are the base
+# colour.
 BLEND_FEATURE = 3
-# Pixels of triangle boxes that are processed at once, to limit the memory.
+# Maximum number of pixels in triangle boxes that are processed at once, to limit the memory.
 _TOGETHER = 1 << 18
 
 
@@ -56,8 +57,8 @@ def render(
 ) -> ReferenceFrame:
     """Return the frame of `asset` from `camera`; see `render_reference`.
 
-    The image of a z-buffer does not depend on the order of faces. Engine sampling gives another result only
-    for faces that reach behind the camera, because hardware clips these faces. Pixels without a face show
+    The image of a z-buffer does not depend on the order of faces. Engine sampling differs only for faces
+    that reach behind the camera, because hardware clips such faces. Pixels without a face show
     `background`. The official background is black in the COLMAP layout and white in the synthetic layout.
     """
     near, far, layout = settings["z_near"], settings["z_far"], settings["layout"]
@@ -68,7 +69,7 @@ def render(
     columns, rows = ndc_centers(camera.width, dtype), ndc_centers(camera.height, dtype)
     seen = rasterize(clip[indices], opacity, level, columns, rows, clips=modes.engine)
 
-    # Interpolate the features at the n pixels with a face, and decode them with the encoded view directions.
+    # Interpolate the features of the n covered pixels, and decode them with the encoded view directions.
     hit = seen.face >= 0
     b0, b1, face = seen.b0[hit], seen.b1[hit], seen.face[hit]
     row, column = np.nonzero(hit)
@@ -78,7 +79,7 @@ def render(
     image = np.broadcast_to(background, (*hit.shape, 3)).copy()
     image[hit] = decode(asset, features, encoding)
 
-    # The kernel's row 0 is NDC y = -1, which is the top of the image only in the COLMAP layout.
+    # Row 0 of the official kernel is NDC y = -1, which is the top of the image only in the COLMAP layout.
     up = slice(None) if layout == "colmap" else slice(None, None, -1)
     visible = np.zeros(len(indices), bool)
     visible[face] = True
@@ -114,8 +115,8 @@ def diffsoup_projection(
     ----------
     layout : {"colmap", "synthetic"}
         "colmap": NDC y grows downwards, and the vertical principal point has the official sign, which is the
-        opposite of the correct one. "synthetic": NDC y grows upwards. Official code assumes a principal point
-        in the middle; this function uses the camera's.
+        opposite of the correct one. "synthetic": NDC y grows upwards. The official code assumes a principal
+        point in the middle, but this function supports any principal point.
     near, far : float
         Camera depths in scene units that become NDC -1 and 1.
 
@@ -124,9 +125,9 @@ def diffsoup_projection(
     P = [2fx/W 0 1-2cx/W 0; 0 2fy/H 2cy/H-1 0; 0 0 (f+n)/(n-f) 2fn/(n-f); 0 0 -1 0] and MVP = P V in `dtype`.
 
     "colmap" (kenji-tojo/diffsoup: examples/utils.py): V is W with the z row negated, and P is computed in
-    float32 from a float32 K. "synthetic" (examples/02_synthetic.py): V is W with the y and z rows negated,
-    and P is computed in double and rounded. The inverse is computed in double and rounded, because the last
-    bits of the official float32 inverse depend on the linear algebra library.
+    float32 from a float32 K (camera matrix). "synthetic" (examples/02_synthetic.py): V is W with the y and
+    z rows negated, and P is computed in double and rounded. The inverse is computed in double and rounded,
+    because the last bits of the official float32 inverse depend on the linear algebra library.
     """
     real = dtype if layout == "colmap" else np.float64
     width, height, two = real(camera.width), real(camera.height), real(2)
@@ -148,7 +149,8 @@ def diffsoup_projection(
 
 
 def lattices(asset: Asset, dtype: type[Any]) -> tuple[int, Reals, Reals]:
-    """Return the level, features (F, S, 7) and opacity (F, S) of the lattices; bytes become v / 255."""
+    """Return the level, the features (F, S, 7) and the opacity (F, S) of the lattices. A byte v becomes
+    v / 255."""
     level, count = check_level(asset.manifest.appearance.get("level"), asset.path), asset.manifest.face_count
     lattice, opacity = (
         array.astype(dtype) / dtype(255) if array.dtype == np.uint8 else array.astype(dtype, copy=False)
@@ -170,9 +172,9 @@ def rasterize(
 ) -> ZBuffer:
     """Return the z-buffer of triangles with clip coordinates (F, 3 corners, 4).
 
-    The face with the nearest NDC depth is visible. At equal depths it is the face with the lowest number. The
-    comparison uses float32(depth + 2), like the official key. Therefore nearly equal depths count as equal,
-    also in float64.
+    The face with the nearest NDC depth is visible. At equal depths, the face with the lowest number is
+    visible. Depths are compared as float32(depth + 2), like the official key. Depths that differ by less than
+    this rounding are equal, even in float64.
     """
     shape, dtype = (len(rows), len(columns)), corners.dtype
     seen = ZBuffer(
@@ -186,7 +188,7 @@ def rasterize(
     dropped, boxes = pixel_boxes(corners, len(columns), len(rows), clips=clips)
     in_rows = seen.key, seen.face, seen.b0, seen.b1, seen.ndc_depth, seen.camera_depth
     nearest_key, *planes = (array.reshape(-1) for array in in_rows)
-    # Test n candidate pixels of several faces at once, and keep the n valid fragments.
+    # Test the candidate pixels of several faces at once, and keep the valid fragments.
     for face, column, row in box_pixels(np.flatnonzero(~dropped), boxes):
         b0, b1, ndc_depth, w, valid = fragments(corners[face].transpose(1, 2, 0), columns[column], rows[row])
         seen.fragments += int(valid.sum())
@@ -194,10 +196,10 @@ def rasterize(
         pixel = (row * len(columns) + column)[valid]
         alpha = interpolate(opacity[..., None], face, level, b0, b1)[:, 0]
         key = (ndc_depth + 2).astype(np.float32)
-        # Only fragments that are nearer than the z-buffer replace it, so at equal depths the lower face
-        # number stays.
+        # A fragment replaces the z-buffer only if it is nearer, so at equal depths the lower face number
+        # stays.
         wins = ~(alpha < dtype.type(OPACITY_THRESHOLD)) & (ndc_depth > -1) & (key < nearest_key[pixel])
-        # The nearest of the new fragments of each pixel. The sort is stable: lower faces come first.
+        # Select the nearest of the new fragments of each pixel. The sort is stable: lower faces come first.
         order = np.flatnonzero(wins)[np.lexsort((key[wins], pixel[wins]))]
         nearest = order[np.diff(pixel[order], prepend=-1) != 0]
         nearest_key[pixel[nearest]] = key[nearest]
@@ -211,8 +213,8 @@ def box_pixels(
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]:
     """Yield the pixels in the boxes (F, 4) of the ascending `faces`: face, column and row, (n,) each.
 
-    Several faces are yielded together if they have at most `_TOGETHER` pixels in total. A face is never
-    split.
+    Faces with at most `_TOGETHER` pixels in total share a batch. The pixels of a face are never split over
+    two batches.
     """
     left, right, top, bottom = boxes[faces].T
     across = right - left + 1
@@ -235,8 +237,8 @@ def pixel_boxes(
     """Return which of F triangles are dropped, and the boxes of the others.
 
     A box (F, 4) holds the first and last column, and the first and last row. A triangle with a corner at or
-    behind the camera plane is dropped. With `clips` its part in front of the plane is kept. Then its box is
-    the whole image, and the test of the NDC depth discards the part behind the plane.
+    behind the camera plane is dropped. With `clips`, a dropped triangle is kept instead, and its box is the
+    whole image. The test of the NDC depth removes the part behind the plane.
     """
     w = corners[..., 3]
     behind = ~(w > 0)
@@ -259,17 +261,18 @@ def pixel_boxes(
 
 
 def fragments(corners: Reals, u: Reals, v: Reals) -> tuple[Reals, Reals, Reals, Reals, NDArray[np.bool_]]:
-    """Return where pixel rays at NDC u, v (n,) meet triangles (3 corners, 4, n), as arrays (n,).
+    """Return the points where n pixel rays meet the planes of triangles, as arrays (n,). `u` and `v` (n,) are
+    the NDC coordinates of the pixels, and `corners` is (3 corners, 4, n).
 
 
     Returns
     -------
     b0, b1 : barycentric coordinates of corners 0 and 1, linear in world space
     ndc_depth, w : z / w, and clip w, which is the camera's z
-    valid : inside the triangle (edges included), and NDC depth within -1 to 1
+    valid : whether the point is inside the triangle (edges included), and the NDC depth is from -1 to 1
     """
     (x0, y0, z0, w0), (x1, y1, z1, w1), (x2, y2, z2, w2) = corners
-    # Homogeneous edge functions: corners relative to the pixel, then their signed areas.
+    # Homogeneous edge functions: subtract the pixel from the corners, then compute signed areas.
     qx0, qy0 = x0 - u * w0, y0 - v * w0
     qx1, qy1 = x1 - u * w1, y1 - v * w1
     qx2, qy2 = x2 - u * w2, y2 - v * w2
@@ -289,12 +292,13 @@ def fragments(corners: Reals, u: Reals, v: Reals) -> tuple[Reals, Reals, Reals, 
 def interpolate(lattice: Reals, faces: NDArray[Any] | int, level: int, b0: Reals, b1: Reals) -> Reals:
     """Return lattices (F, S, C) of `faces` at barycentric coordinates (n,), interpolated between three nodes.
 
-    Node (x, y), at b0 = x / 2^level and b1 = y / 2^level, is sample s(s + 1)/2 + y with s = x + y.
+    Lattice node (x, y) has b0 = x / 2^level and b1 = y / 2^level. The lattice node is sample s(s + 1)/2 + y,
+    where s = x + y.
     """
     side = 2**level
     u, v = b0 * side, b1 * side
-    # Cell (x, y) of the lattice, and the position (u, v) in it. A cell has two triangles; `flip` selects the
-    # upper one.
+    # Find the cell (x, y) of the lattice, and the position (u, v) in the cell. A lattice cell has two
+    # triangles; `flip` selects the upper triangle.
     x = np.minimum(np.floor(u), side - 1).astype(np.int64)
     y = np.minimum(np.floor(v).astype(np.int64), side - 1 - x)
     u, v = u - x.astype(u.dtype), v - y.astype(v.dtype)
@@ -335,7 +339,8 @@ def decode(asset: Asset, features: Reals, encoding: Reals) -> Reals:
 
 
 def scatter(hit: NDArray[np.bool_], values: Reals) -> Reals:
-    """Return an image (H, W, C) that has `values` (n, C) at the n pixels of `hit`, and 0 elsewhere."""
+    """Return an image (H, W, C). The n pixels of `hit` have the `values` (n, C), and the other pixels are
+    0."""
     image = np.zeros((*hit.shape, values.shape[1]), values.dtype)
     image[hit] = values
     return image

@@ -1,4 +1,5 @@
-"""Gaussian Frosting: Gaussians in a layer on a mesh. The exported mesh is drawn, with its texture."""
+"""Gaussian Frosting: Gaussians in a layer on a mesh. Renderers draw the textured mesh that Frosting
+exports."""
 
 from msb.methods.sugar import PHOTOGRAPHS
 from msb.registry import extracted_mesh
@@ -6,7 +7,8 @@ from msb.scenes.datasets.rules import Rules
 
 METHOD = extracted_mesh(
     "Frosting mesh",
-    # Anttwo/Frosting at 08b1cb2: frosting_trainers/refine.py, in output/refined_frosting_base_mesh/SCENE.
+    # The names follow Anttwo/Frosting at 08b1cb2: frosting_trainers/refine.py, in
+    # output/refined_frosting_base_mesh/SCENE.
     ("frostingfine_*.obj",),
     Rules("Frosting", "Anttwo/Frosting: frosting_scene/cameras.py", photographs=PHOTOGRAPHS),
 )

@@ -1,4 +1,4 @@
-"""Any mesh from another source."""
+"""The method "mesh": any mesh that no supported method has written."""
 
 from msb.registry import NO_APPEARANCE, Method
 

@@ -1,4 +1,4 @@
-"""Read any other mesh file, including files that the methods' exporters write."""
+"""Read mesh files of the method "mesh", and meshes from the exporters of other methods."""
 
 from dataclasses import dataclass, replace
 
@@ -24,7 +24,7 @@ def recognises(content: Content) -> bool:
 
 def read(place: Place, content: Content, options: Options) -> Model:
     """Return the mesh at `place` with all rows and its colours as stored."""
-    Settings("mesh", options.settings)  # a mesh has no settings, so any name is an error
+    Settings("mesh", options.settings)  # the method "mesh" has no settings, so this rejects every name
     mesh = read_mesh(place.file)
     with about(place.file):
         made = make_mesh_buffers(mesh)
@@ -40,7 +40,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
 class ByName:
     """The adapter of a method that has no module `adapter`.
 
-    It reads mesh files with the file names of the method.
+    This adapter reads mesh files with the file names of the method.
     """
 
     method: str

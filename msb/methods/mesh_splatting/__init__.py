@@ -1,4 +1,4 @@
-"""MeshSplatting: triangles with shared vertices, nearly opaque after training."""
+"""MeshSplatting: triangles with shared vertices, which are nearly opaque after training."""
 
 from msb.registry import AWARE, BAKED, BAKED_DC, BLENDED, SH_DEGREE, Method, Native, Retained, Setting
 from msb.scenes.datasets.rules import FAMILY, Rules

@@ -1,8 +1,8 @@
 """Read MeshSplatting: ``point_cloud/iteration_N/point_cloud_state_dict.pt`` or a mesh PLY.
 
 Layout: meshsplatting/mesh-splatting at 608e5d0 (scene/triangle_model.py, create_ply.py). All parameters are
-per vertex; sigma is global. Files of Triangle Splatting+ are also read here. They differ only in the missing
-`pixel_count`.
+per vertex, except sigma, which is global. This adapter also reads files of Triangle Splatting+. Files of
+Triangle Splatting+ lack only `pixel_count`.
 """
 
 import math
@@ -41,10 +41,10 @@ def shares_vertices(content: Content) -> bool:
 
 
 def read(place: Place, content: Content, options: Options, method: str = "mesh_splatting") -> Model:
-    """Return the model at `place` as a model of `method`, which has this layout.
+    """Return the model at `place`. `method` is MeshSplatting, or a method with the same file layout.
 
-    The opacity of a vertex is floor + (1 - floor) sigmoid(logit). Files do not store the floor. It is the
-    value that the official loader of the method sets.
+    The opacity of a vertex is floor + (1 - floor) sigmoid(logit). Files do not store the opacity floor. The
+    official loader of each method defines the floor.
     """
     if place.kind in ("ply", "mesh"):
         return _read_mesh(method, place, options)
@@ -53,7 +53,7 @@ def read(place: Place, content: Content, options: Options, method: str = "mesh_s
     positions = tensors.floats("triangles_points", "V", 3)
     count = len(positions)
     degree = 0
-    if "features_rest" in tensors:  # the buffer is optional, as in the official exporter
+    if "features_rest" in tensors:  # the official exporter may omit this array
         degree = tensors.degree("features_rest", tensors.axis("features_rest", 1))
     buffers: dict[str, Any] = {
         "positions": positions,

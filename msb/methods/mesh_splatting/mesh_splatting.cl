@@ -1,5 +1,5 @@
-// MeshSplatting: an indexed mesh with colours and opacities at its vertices; with PLUS Triangle Splatting+.
-// Sources: meshsplatting/diff-triangle-mesh-rasterization at b27f283,
+// MeshSplatting: an indexed mesh with colours and opacities at its vertices.
+// With PLUS: Triangle Splatting+. Sources: meshsplatting/diff-triangle-mesh-rasterization at b27f283,
 // trianglesplatting2/diff-triangle2-rasterization at 42e62aa (PLUS): cuda_rasterizer/forward.cu.
 
 #include "splat_common.cl"
@@ -17,21 +17,24 @@
 #define COLORS 9
 #define SMALL_IS_DROPPED 0 // even if two corners coincide on the screen
 
-// coverage, per vertex: opacity, rim (the phi below which alpha is under 1/255); with PLUS also the phi with
-// o phi^sigma = 0.01. f_dc contains the evaluated colours of the vertices.
+// For each vertex, the array coverage has the opacity and the rim.
+// The rim is the phi below which alpha is under 1/255.
+// With PLUS, coverage also has the phi with o phi^sigma = 0.01.
+// f_dc contains the evaluated colours of the vertices.
 
 #if ENGINE
 #define LINES 12
 // inverse_weight belongs to the barycentric coordinates 1 and 2.
 #define SHAPE(REAL) REAL lines[LINES], inverse_weight[2], opacity;
 #else
-// inverse is 1 / inradius; origin is corner 0, e1 and e2 are the edges from it, area is 1 / (e1 x e2). depth
-// has the depth of corner 0, and the differences of corners 1 and 2 to it.
+// inverse is 1 / inradius.
+// origin is corner 0, e1 and e2 are the edges from corner 0, and area is 1 / (e1 x e2).
+// depth has the depth of corner 0, and the depth differences of corners 1 and 2.
 #define SHAPE(REAL)                                                                                          \
     REAL normal_x[3], normal_y[3], offset[3], inverse, opacity;                                              \
     REAL origin[2], e1[2], e2[2], area, depth[3];
 #endif
-// color has the colour of corner 0, and the differences of corners 1 and 2 to it.
+// color has the colour of corner 0, and the colour differences of corners 1 and 2.
 #define FACE_MEMBERS(REAL, INT)                                                                              \
     {                                                                                                        \
         SHAPE(REAL)                                                                                          \
@@ -42,7 +45,8 @@ typedef struct BY_EIGHTS Face FACE_MEMBERS(float, int) Face;
 typedef struct FACE_MEMBERS(real, mask) Faces;
 #include "edge_window.cl"
 
-// In the official code the product of unsigned extents is 0 for an empty box; here it is never negative.
+// In the official code the product of unsigned extents is 0 for an empty box; here the product is never
+// negative.
 Box corner_tiles(__constant View *view, const Window *w)
 {
     Box box = {(mask)(int)view->columns, (mask)(int)view->rows, (mask)0, (mask)0};

@@ -1,17 +1,17 @@
-// MeshSplatting: an indexed mesh with vertex colours and opacities. A translation of mesh_splatting.cl for
-// graphics hardware; its comments explain more.
+// MeshSplatting: an indexed mesh with vertex colours and opacities.
+// This file translates mesh_splatting.cl for graphics hardware; the comments there explain more.
 
-const STOP = 1e-4; // a face that would lower T below it is not blended
+const STOP = 1e-4; // a face that would lower the transmittance T below this value is not blended
 #if PLUS
 const MAX_ALPHA = 0.99;
-const COVERAGE = 3u; // per vertex: opacity, rim, the phi with o phi^sigma = 0.01
+const COVERAGE = 3u; // per vertex: opacity, rim, and the phi with o phi^sigma = 0.01
 #else
 const MAX_ALPHA = 0.999;
 const COVERAGE = 2u; // per vertex: opacity, rim
 #endif
 const MARGIN = 5.0;
 
-// color0 is the colour of corner 0; color1 and color2 are the differences of corners 1 and 2 to it.
+// color0 is the colour of corner 0; color1 and color2 are the colour differences of corners 1 and 2.
 #if ENGINE
 struct Face {
     quad: vec4<f32>,
@@ -26,14 +26,14 @@ struct Face {
 #else
 struct Face {
     quad: vec4<f32>,
-    normal_x: vec4<f32>, // of the three edges; then 1 / inradius
+    normal_x: vec4<f32>, // distances of the three edges; then 1 / inradius
     normal_y: vec4<f32>, // then opacity
     offset: vec4<f32>,
     origin: vec4<f32>,   // corner 0 in samples, 1 / twice the area, depth of corner 0
-    edges: vec4<f32>,    // from corner 0 to corners 1 and 2
+    edges: vec4<f32>,    // vectors from corner 0 to corners 1 and 2
     color: vec4<f32>,
     color1: vec4<f32>,   // then the depth difference of corner 1
-    color2: vec4<f32>,   // then of corner 2
+    color2: vec4<f32>,   // then the depth difference of corner 2
 }
 #endif
 
@@ -54,7 +54,7 @@ fn color_face(number: u32, face: ptr<function, Face>) {
 }
 #endif
 
-// In the official code the product of unsigned extents is 0 for an empty box; here it is never negative.
+// In the official code the product of unsigned extents is 0 for an empty box; here the product is never negative.
 fn corner_tiles(w: ptr<function, Window>) -> vec4<i32> {
     var result = vec4<i32>(i32(view.columns), i32(view.rows), 0, 0);
     for (var k = 0; k < 3; k++) {

@@ -13,7 +13,7 @@ from msb.render.splat.view import Culling
 
 
 def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
-    """Return `asset` in the form that the kernels read; errors as in `make_model`."""
+    """Return the model of `asset` for the kernels; raise the errors of `make_model`."""
     require(asset, "opacity", "encoding", "logit")
     floor, scale = settings["opacity_floor"], settings["supersample"]
     logits = required_buffer(asset, "opacity", asset.manifest.vertex_count)

@@ -16,9 +16,9 @@ SUFFIXES = (".ply",)
 
 
 def write(asset: Asset, path: Path) -> None:
-    """Write all vertices and faces as stored. Colours are those of SH degree 0, and alpha is 1.
+    """Write all vertices and faces as stored. Colours are evaluated at SH degree 0, and alpha is 1.
 
-    meshsplatting/mesh-splatting at 608e5d0: create_ply.py.
+    The format follows meshsplatting/mesh-splatting at 608e5d0: create_ply.py.
     """
     rgb = baked_colors(asset.buffers["f_dc"])
     rgba = rounded_bytes(np.column_stack([rgb, np.ones(len(rgb), np.float32)]))

@@ -21,7 +21,7 @@ from msb.reference.sh import colors_from_sh
 from msb.reference.tiles import TILE, Integers, Modes, Rectangles, grid_size, tile_number
 from msb.scenes import Camera
 
-# A function of windows, opacity, sigma and view that returns the tiles of each face.
+# A function that returns the tiles of each face from the windows, opacities, sigma and the view.
 TilesOf = Callable[[Windows, Reals, Reals, SplattingCamera], Rectangles]
 # Upper limit of alpha.
 MAX_ALPHA = 0.999
@@ -31,7 +31,7 @@ _RULE = Rule(blends_crossing=False, weight_first=False)
 
 
 def corner_tiles(windows: Windows, opacity: Reals, sigma: Reals, view: SplattingCamera) -> Rectangles:
-    """Return the tiles of the box around the corners; the box is widened by 5 samples on each side."""
+    """Return the tiles of the box around the corners, widened by 5 samples on each side."""
     margin = windows.corners.dtype.type(MARGIN)
     grid = grid_size(view.width, view.height)
     low = tile_number(np.floor((windows.corners - margin) / TILE), grid).min(axis=1)
@@ -51,10 +51,12 @@ def render(
     flat_depth: bool = False,
     tiles_of: TilesOf = corner_tiles,
 ) -> ReferenceFrame:
-    """Return the frame of `asset` from `camera`; see `render_reference`. The defaults are MeshSplatting's.
+    """Return the frame of `asset` from `camera`; see `render_reference`. The default values are for
+    MeshSplatting.
 
-    `max_alpha` limits alpha. With `flat_depth`, a face has the depth of its centroid everywhere. Otherwise
-    the depths of its corners are interpolated. `tiles_of` returns the tiles of faces.
+    `max_alpha` limits alpha. If `flat_depth` is true, the whole face has the depth of its centroid. If
+    `flat_depth` is false, the depth is interpolated between the corners. The function `tiles_of` returns the
+    tiles of faces.
     """
     samples = settings["supersample"]
     view = splatting_camera(camera, NEAR, FAR, dtype, samples)
@@ -70,7 +72,7 @@ def render(
     coefficients = sh_coefficients(asset, vertices, dtype)
     color = colors_from_sh(coefficients, positions, view.center, settings["sh_degree"])[indices]
     depth = transform(view.world_to_camera[:3], positions)[:, 2][indices]
-    # Project, and cull by shape, opacity and empty tiles.
+    # Project the faces. Cull faces by shape, by opacity, and by empty tile rectangles.
     shapes = project_shapes(positions[indices], view, modes)
     if isinstance(shapes, Windows):
         rectangles = tiles_of(shapes, opacity, sigma, view)

@@ -1,11 +1,12 @@
-"""MILo: Gaussians and a mesh that are optimised together. The mesh is drawn, with vertex colours."""
+"""MILo: Gaussians and a mesh that are optimised together. MILo's mesh is drawn with vertex colours."""
 
 from msb.registry import extracted_mesh
 from msb.scenes.datasets.rules import FULL_SIZE, Rules
 
 METHOD = extracted_mesh(
     "MILo mesh",
-    # Anttwo/MILo at 0c38aa6: mesh_extract_sdf.py, mesh_extract_integration.py, mesh_extract_regular_tsdf.py.
+    # The names follow Anttwo/MILo at 0c38aa6: mesh_extract_sdf.py, mesh_extract_integration.py,
+    # mesh_extract_regular_tsdf.py.
     (
         "mesh_learnable_sdf.ply",
         "mesh_integration_sdf.ply",

@@ -14,7 +14,7 @@ from msb.registry import (
 )
 from msb.scenes.datasets.rules import FAMILY, Rules
 
-# Files of viewers and editors, which hold Gaussians and nothing else.
+# File suffixes of Gaussian viewers and editors.
 SUFFIXES = (".spz", ".sog", ".splat", ".ksplat")
 
 METHOD = Method(

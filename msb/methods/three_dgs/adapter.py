@@ -46,21 +46,22 @@ def captured_axes(content: Content) -> int | None:
 def read_splats(place: Place, content: Content, options: Options, *, method: str) -> Model:
     """Return the Gaussians at `place` as a model of `method`.
 
-    `mean`, `scale` and `rotation` are stored as in the checkpoint, beside a stand-in triangle for each.
+    `mean`, `scale` and `rotation` are stored as in the checkpoint; each Gaussian also has a placeholder
+    triangle.
     """
-    with np.errstate(all="ignore"):  # values that are not finite are left out later
+    with np.errstate(all="ignore"):  # a later step removes values that are not finite
         gaussians = read_gaussians(content)
         buffers = make_buffers(gaussians)
     declared = METHODS[method]
     axes = 2 if method == "two_dgs" else 3
     if gaussians.scale.shape[1] != axes:
-        text = f"its Gaussians have {gaussians.scale.shape[1]} axes; those of {declared.title} have {axes}"
+        text = f"its Gaussians have {gaussians.scale.shape[1]} axes; {declared.title} needs {axes} axes"
         raise CheckpointError("CHECKPOINT_LAYOUT", text, file=place.file)
     settings = Settings(method, options.settings)
     settings.add("sh_degree", gaussians.degree, "checkpoint", place.file)
     if gaussians.antialiased is not None and "antialiased" in declared.settings:
         settings.add("antialiased", gaussians.antialiased, "checkpoint", place.file)
-    # Only the output folder of a training has a config; a missing one is normal for other files.
+    # Only the output folder of a training has a config; single files normally have none.
     arguments, files, warnings = read_cfg_args(place.root)
     if not files and place.root == place.file.parent:
         warnings = []

@@ -1,4 +1,4 @@
-"""Open the files of Gaussian splats: PLY, checkpoints, GLB, SOG, and formats that are plain bytes."""
+"""Open the files of Gaussian splats: PLY, checkpoints, GLB, SOG, and raw byte formats."""
 
 import io
 import zipfile
@@ -23,12 +23,12 @@ from msb.meshes.source import Source
 from msb.splats import khronos, ply, rows, sog, spz
 from msb.splats.gaussians import Gaussians, check_count, damaged, join
 
-# Items of the tuple that training stores in chkpntN.pth (graphdeco-inria/gaussian-splatting:
+# Items of the tuple that a training stores in chkpntN.pth (graphdeco-inria/gaussian-splatting:
 # scene/gaussian_model.py, capture): SH degree, means, f_dc, f_rest, scales, rotations, opacities, ...
 _CAPTURED = 12
 _META = "meta.json"
 _MAX_META_BYTES = 1 << 22
-# Largest size of an image in a .sog file.
+# Maximum size of an image in a .sog file.
 _MAX_IMAGE_BYTES = 1 << 30
 
 
@@ -43,12 +43,12 @@ def is_captured(value: Any) -> bool:
 
 
 def read_gaussians(content: Content) -> Gaussians:
-    """Return the Gaussians of the file of a place.
+    """Return the Gaussians of the file at a place.
 
     Raises
     ------
     CheckpointError, MeshFileError, InputError
-        The file is damaged, or of an unsupported kind.
+        The file is damaged, or its kind is not supported.
     """
     with about(content.place.file):
         gaussians = _read(content)
@@ -112,7 +112,7 @@ def _read_khronos(path: Path) -> Gaussians:
             _reject_compressed(document, extensions[khronos.EXTENSION], where)
             attributes = _read_attributes(document, primitive, where)
             total += sum(array.nbytes for array in attributes.values())
-            document.check_total("the Gaussians of all nodes", total)
+            document.check_total("the Gaussians of all scene nodes", total)
             parts.append(khronos.read(attributes, entry.world))
     if not parts:
         raise document.source.error("MESH_FILE_INVALID", "no visible node of the scene has Gaussians")
@@ -120,7 +120,7 @@ def _read_khronos(path: Path) -> Gaussians:
 
 
 def _reject_compressed(document: Document, extension: Any, pointer: str) -> None:
-    """Reject Gaussians that are stored in another way than the attributes of the base extension."""
+    """Reject Gaussians whose attributes do not follow the base extension."""
     inner = extension.get("extensions") if isinstance(extension, dict) else None
     for name in inner if isinstance(inner, dict) else ():
         text = f"the Gaussians are stored with the extension {shorten(name)}, which is not supported; "
@@ -128,7 +128,7 @@ def _reject_compressed(document: Document, extension: Any, pointer: str) -> None
 
 
 def _read_attributes(document: Document, primitive: dict[str, Any], pointer: str) -> dict[str, NDArray[Any]]:
-    """Return the attributes (N, width) of a primitive that the extension defines, as numbers."""
+    """Return the attributes (N, width) of a primitive, as defined by the extension, as numbers."""
     stored = document.object(primitive, "attributes", pointer)
     kinds = {**khronos.REQUIRED}
     kinds |= {khronos.coefficient(degree, k): "VEC3" for degree in range(4) for k in range(2 * degree + 1)}
@@ -139,7 +139,7 @@ def _read_attributes(document: Document, primitive: dict[str, Any], pointer: str
             accessor = parse_accessor(document, index, kinds=kind, components="f4 i1 u1 i2 u2")
             attributes[name] = read_numbers(accessor)
     if len({len(array) for array in attributes.values()}) > 1:
-        raise document.error("MESH_FILE_INVALID", pointer, "its attributes have different lengths")
+        raise document.error("MESH_FILE_INVALID", pointer, "its Gaussian attributes have different lengths")
     return attributes
 
 
@@ -148,7 +148,7 @@ def _read_sog_folder(path: Path) -> Gaussians:
 
     def read_member(name: str) -> bytes:
         if Path(name).name != name:
-            raise damaged(f'the file name "{shorten(name)}" in {_META} leaves the folder')
+            raise damaged(f'the file name "{shorten(name)}" in {_META} points outside the folder')
         return read_file(path.parent / name, _MAX_IMAGE_BYTES)
 
     return _decode_sog(read_member)

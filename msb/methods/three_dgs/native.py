@@ -10,12 +10,12 @@ from msb.render.splat.model import SplatModel
 from msb.render.splat.view import Culling
 from msb.splats.primitive import activate, covariances
 
-# Near planes, by rasterizer.
+# Depths of the near planes, by rasterizer.
 NEAREST = {"official": 0.2, "gsplat": 0.01}
 
 
 def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
-    """Return `asset` in the form that the kernels read; errors as in `make_model`."""
+    """Return the model of `asset` for the kernels; raise the errors of `make_model`."""
     gaussians = activate(asset, 3)
     rows = [gaussians.mean, covariances(gaussians.deviation, gaussians.rotation)]
     culling = splat_culling(settings["rasterizer"])
@@ -39,8 +39,9 @@ def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
 def splat_culling(rasterizer: str) -> Culling:
     """Return the bounds outside which a rasterizer draws no Gaussian.
 
-    The rules of gsplat clamp the Jacobian 0.3 tan(fov / 2) beyond the image's edge, which the dilation covers
-    even if the principal point is not in the middle. The margin covers the low-pass filter and whole tiles.
+    gsplat evaluates the Jacobian at a point clamped to 0.3 tan(fov / 2) beyond the edge of the image. The
+    dilation allows for this clamp at any principal point. The margin allows for the low-pass filter and for
+    whole tiles.
     """
     dilation = 1.3 if rasterizer == "gsplat" else 1.0
     return Culling(nearest=NEAREST[rasterizer], dilation=dilation, margin=8.0)

@@ -1,7 +1,7 @@
 """The official file of 3DGS and 2DGS: ``point_cloud.ply`` with the stored parameters of all Gaussians.
 
-Layout: graphdeco-inria/gaussian-splatting at 54c035f (scene/gaussian_model.py, save_ply). 2DGS writes two
-scales.
+The layout follows graphdeco-inria/gaussian-splatting at 54c035f (scene/gaussian_model.py, save_ply). 2DGS
+writes two scales.
 """
 
 from pathlib import Path
@@ -15,7 +15,7 @@ from msb.base.atomic import new_file
 from msb.splats.primitive import MEAN, ROTATION, SCALE
 
 SUFFIXES = (".ply",)
-# Gaussians that are written at a time, to limit temporary memory.
+# Number of Gaussians written at a time, to limit temporary memory.
 _CHUNK = 1 << 17
 
 
@@ -29,7 +29,7 @@ def write(asset: Asset, path: Path) -> None:
     """
     reject_triangles(asset.manifest, asset.opened_from)
     count, buffers = asset.manifest.face_count, asset.buffers
-    # SH coefficients (N, 3, K): all of red, then of green, then of blue.
+    # SH coefficients (N, 3, K): all red coefficients, then green, then blue.
     rest = rest_coefficients(asset).transpose(0, 2, 1) if asset.manifest.sh_degree else None
     coefficients = 0 if rest is None else 3 * rest.shape[2]
     names = ["x", "y", "z", "nx", "ny", "nz", *(f"f_dc_{k}" for k in range(3))]

@@ -1,4 +1,4 @@
-"""3DGS as its official kernel forms it, in the official order of operations, or by the rules of gsplat.
+"""3DGS as drawn by its official kernel, in the official order of operations, or by the rules of gsplat.
 
 Sources: graphdeco-inria/diff-gaussian-rasterization at 59f5f77: cuda_rasterizer/forward.cu, auxiliary.h; for
 antialiased models its branch dr_aa; nerfstudio-project/gsplat at 90d7b4b: gsplat/cuda/_torch_impl.py.
@@ -21,29 +21,29 @@ from msb.reference.tiles import TILE, Integers, Modes, Rectangles, grid_size, ti
 from msb.scenes import Camera
 from msb.splats.primitive import activate, covariances
 
-# Planes of the official projection matrix.
+# Near and far planes of the official projection matrix.
 NEAR, FAR = 0.01, 100.0
-# Means at this depth or nearer are dropped, by rasterizer.
+# Means at this depth or nearer are dropped; the value depends on the rasterizer.
 NEAREST = {"official": 0.2, "gsplat": 0.01}
-# Variance in square samples that is added to both axes on the screen.
+# Variance, in square samples, that is added to both axes on the screen.
 DILATION = 0.3
 MAX_ALPHA = 0.99
-# Smallest ratio of the determinants with and without dilation, for antialiased models.
+# Minimum ratio of the determinants with and without dilation, for antialiased models.
 MIN_COMPENSATION = 0.000025
-# Largest reach of a Gaussian in standard deviations, by the rules of gsplat.
+# Maximum extent of a Gaussian in standard deviations, by the rules of gsplat.
 MAX_EXTENT = 3.33
-# Smallest difference of the square in the official radius.
+# Lower limit of the term under the square root in the official radius.
 MIN_SQUARE = 0.1
 _RULE = Rule(blends_crossing=False, weight_first=False)
 
 
 class Projected(NamedTuple):
-    """N Gaussians on the screen.
+    """A set of `N` Gaussians on the screen.
 
     Attributes
     ----------
     center : (N, 2)
-        In samples, with sample centres at integers.
+        Positions in samples, with sample centres at integers.
     covariance, sharp : (N, 3)
         xx, xy, yy in square samples, with and without the dilation.
     with_depth : (N, 2)
@@ -66,7 +66,8 @@ def render(
 ) -> ReferenceFrame:
     """Return the frame of `asset` from `camera`; see `render_reference`.
 
-    The depth of a Gaussian at a sample is the mean of z given the sample, not the depth of its centre.
+    The depth of a Gaussian at a sample is the conditional mean of z at this sample. The conditional mean
+    differs from the depth of the Gaussian's centre.
     """
     real, rasterizer = dtype, settings["rasterizer"]
     view = splatting_camera(camera, NEAR, FAR, dtype)
@@ -84,7 +85,7 @@ def render(
         opacity = opacity * np.sqrt(np.maximum(real(MIN_COMPENSATION), ratio))
     rectangles, is_outside = _tiles(shapes, determinant, opacity, view, rasterizer)
     kept = (z > nearest) & (determinant != 0) & ~is_outside & ~rectangles.empty
-    # The inverse of the covariance, and the slope (N, 2) of the depth over the screen.
+    # Compute the inverse of the covariance, and the slope (N, 2) of the depth over the screen.
     inverse = real(1) / determinant
     conic = np.stack([yy * inverse, -xy * inverse, xx * inverse], axis=1)
     with_x, with_y = shapes.with_depth.T
@@ -120,13 +121,14 @@ def render(
 def _project(
     covariance: Reals, mean: Reals, point: Reals, view: SplattingCamera, rasterizer: str
 ) -> Projected:
-    """Return Gaussians on the screen; `covariance` (N, 6) is in the world, `point` (N, 3) in the camera."""
+    """Return Gaussians on the screen; `covariance` (N, 6) is in world space, `point` (N, 3) in camera
+    space."""
     real, z = mean.dtype.type, point[:, 2]
     size = np.array([view.width, view.height], real)
     focal = size / (2 * view.tan_fov)
-    # Slopes of the mean, clamped 30 % beyond the edges of the image.
+    # Slopes (x / z, y / z) of the mean, clamped 30 % beyond the edges of the image.
     low, high = -real(1.3) * view.tan_fov, real(1.3) * view.tan_fov
-    if rasterizer == "gsplat":  # the clamp depends on the principal point
+    if rasterizer == "gsplat":  # gsplat clamps relative to the principal point
         middle, slack = size / 2 + view.shift, real(0.3) * view.tan_fov
         low, high = -(middle / focal + slack), (size - middle) / focal + slack
     tx = np.minimum(high[0], np.maximum(low[0], point[:, 0] / z)) * z
@@ -156,7 +158,7 @@ def _project(
 def _tiles(
     shapes: Projected, determinant: Reals, opacity: Reals, view: SplattingCamera, rasterizer: str
 ) -> tuple[Rectangles, NDArray[np.bool_]]:
-    """Return the tiles of N Gaussians, and a mask (N,) of further ones that the rasterizer drops."""
+    """Return the tiles of N Gaussians, and a mask (N,) of Gaussians that the rasterizer drops here."""
     real, center = opacity.dtype.type, shapes.center
     xx, _, yy = shapes.covariance.T
     if rasterizer == "gsplat":
@@ -179,7 +181,8 @@ def official_tiles(center: Reals, radius: Reals, view: SplattingCamera) -> Recta
 
 
 def gsplat_tiles(center: Reals, extent: Reals, view: SplattingCamera) -> tuple[Rectangles, NDArray[np.bool_]]:
-    """Return the tiles of boxes with half sides of `extent` (N, 2), rounded up, and which are outside."""
+    """Return the tiles of boxes around `center`, and a mask of the boxes outside the raster. `extent` (N, 2)
+    has the half sides of the boxes, which are rounded up."""
     grid, size = grid_size(view.width, view.height), np.array([view.width, view.height])
     radius = np.ceil(extent)
     low, high = center + center.dtype.type(0.5) - radius, center + center.dtype.type(0.5) + radius
@@ -189,10 +192,11 @@ def gsplat_tiles(center: Reals, extent: Reals, view: SplattingCamera) -> tuple[R
 
 
 def _combine(w: Reals, x: Reals, y: Reals, z: Reals) -> list[Reals]:
-    """Return x, y and z (N,) times the rows of w (3, 3), summed in this order: three columns (N,)."""
+    """Return the three columns (N,) of the product (x, y, z) w, for a matrix w (3, 3). Terms are added in the
+    order x, y, z."""
     return [w[0, k] * x + w[1, k] * y + w[2, k] * z for k in range(3)]
 
 
 def _sum(a: Any, b: Any) -> Reals:
-    """Return the dot product of two triples of columns (N,)."""
+    """Return the dot product of two vectors that are given as triples of columns (N,)."""
     return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])

@@ -1,5 +1,6 @@
-// 3DGS: Gaussians, projected by a local affine map. Sources: graphdeco-inria/diff-gaussian-rasterization at 59f5f77:
-// cuda_rasterizer/forward.cu, auxiliary.h; with GSPLAT the rules of nerfstudio-project/gsplat at 90d7b4b.
+// 3DGS: Gaussians, projected by a local affine map.
+// Sources: graphdeco-inria/diff-gaussian-rasterization at 59f5f77: cuda_rasterizer/forward.cu, auxiliary.h;
+// with GSPLAT the rules of nerfstudio-project/gsplat at 90d7b4b.
 
 #include "splat_common.cl"
 #include "splat_color.cl"
@@ -18,9 +19,10 @@
 #endif
 #define LOG2E 1.4426950408889634f
 
-// A row of `positions` is the mean, and xx, xy, xz, yy, yz, zz of the covariance; coverage is the opacity.
-// At a sample (dx, dy) from the mean the Gaussian is 2^(a dx^2 + b dx dy + c dy^2); alpha is below 1/255 if the exponent
-// is below `limit`. The density along the ray of a sample is largest at depth - rise . (dx, dy).
+// A row of `positions` has the mean, and xx, xy, xz, yy, yz, zz of the covariance; coverage is the opacity.
+// At a sample (dx, dy) from the mean, the Gaussian is 2^(a dx^2 + b dx dy + c dy^2).
+// If the exponent is below `limit`, alpha is below 1/255.
+// The density along the ray of a sample is largest at depth - rise . (dx, dy).
 #define FACE_MEMBERS(REAL, INT)                                                                              \
     {                                                                                                        \
         REAL x, y, a, b, c, opacity, limit, depth, rise[2], color[3], unused[6];                             \
@@ -29,8 +31,8 @@
 typedef struct BY_EIGHTS Face FACE_MEMBERS(float, int) Face;
 typedef struct FACE_MEMBERS(real, mask) Faces;
 
-// Three points at 3.4 standard deviations or more around the mean, from which splat_bounds.cl makes a sphere. Alpha is
-// below 1/255 beyond 3.33 deviations.
+// Three points around the mean, at 3.4 standard deviations or more; splat_bounds.cl makes a sphere from them.
+// Beyond 3.33 standard deviations, alpha is below 1/255.
 void corners_of(const size_t *rows, __global const float *positions, __global const uint *indices,
                 vec3 *corners)
 {
@@ -73,7 +75,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     f->color[1] = mean.y;
     f->color[2] = mean.z;
 
-    // The Jacobian of the projection, for a mean that is moved towards the image if it is far outside.
+    // The Jacobian of the projection; a mean far outside the image is moved towards the image first.
     __constant float *m = view->world_to_camera;
     float w = (float)view->width, h = (float)view->height;
     float focal_x = w / (2.0f * view->tan_fov[0]), focal_y = h / (2.0f * view->tan_fov[1]);
@@ -90,7 +92,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     real ty = lesser(greater(t.y / t.z, (real)low_y), (real)high_y) * t.z;
     real squared = t.z * t.z;
     real jx = focal_x / t.z, jy = focal_y / t.z, kx = -(focal_x * tx) / squared, ky = -(focal_y * ty) / squared;
-    // Rows p, q (3) of J W, and the covariance on the screen, with and without the dilation.
+    // Rows p, q (3) of J W, and the covariance on the screen with and without the dilation.
     vec3 p = {m[0] * jx + m[8] * kx, m[1] * jx + m[9] * kx, m[2] * jx + m[10] * kx};
     vec3 q = {m[4] * jy + m[8] * ky, m[5] * jy + m[9] * ky, m[6] * jy + m[10] * ky};
     vec3 rx = {v[3], v[4], v[5]}, ry = {v[4], v[6], v[7]}, rz = {v[5], v[7], v[8]};
@@ -108,12 +110,13 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     f->a = -0.5f * LOG2E * (yy * inverse);
     f->b = LOG2E * (xy * inverse);
     f->c = -0.5f * LOG2E * (xx * inverse);
-    // Mean of z given the sample: z0 - cov(z, xy) cov(xy)^-1 (dx, dy).
+    // The mean of z at a sample is z0 - cov(z, xy) cov(xy)^-1 (dx, dy).
     vec3 ahead = {(real)m[8], (real)m[9], (real)m[10]};
     real with_x = dot3(vp, ahead), with_y = dot3(vq, ahead);
     f->rise[0] = (yy * with_x - xy * with_y) * inverse;
     f->rise[1] = (xx * with_y - xy * with_x) * inverse;
-    real level = log2_fast(greater(255.0f * opacity, (real)1e-30f)); // negative if alpha never reaches 1/255
+    // negative if alpha is always below 1/255
+    real level = log2_fast(greater(255.0f * opacity, (real)1e-30f));
     f->limit = -level - 1e-4f;
 
     __constant float *full = view->full;
@@ -121,11 +124,11 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     f->x = to_sample(affine(full, mean) * shrink, view->width) + view->shift[0];
     f->y = to_sample(affine(full + 4, mean) * shrink, view->height) + view->shift[1];
 
-    // The samples with an exponent of -level or more; none if the opacity is below 1/255.
+    // The samples with an exponent of -level or more; the box is empty if the opacity is below 1/255.
     real reach = root(greater((2.0f / LOG2E) * (level + 2e-4f), (real)0.0f));
     real reach_x = reach * root(xx) + 0.01f, reach_y = reach * root(yy) + 0.01f;
     Box box = box_of((vec2){f->x - reach_x, f->y - reach_y}, (vec2){f->x + reach_x, f->y + reach_y}, view);
-    // A covariance that is indefinite by rounding can be visible anywhere.
+    // A Gaussian whose covariance is indefinite by rounding may be visible anywhere.
     mask odd = !(determinant > 0.0f);
     f->x0 = odd ? (mask)0 : box.x0;
     f->y0 = odd ? (mask)0 : box.y0;
@@ -133,7 +136,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     f->y1 = odd ? (mask)((int)view->height - 1) : box.y1;
 
 #if GSPLAT
-    // 3.33 standard deviations along each axis, or less if alpha falls below 1/255 before.
+    // The box reaches 3.33 standard deviations along each axis, or less if alpha falls below 1/255 earlier.
     real extend = lesser(root(greater((2.0f / LOG2E) * level, (real)0.0f)), (real)3.33f);
     real ex = extend * root(xx), ey = extend * root(yy);
     real wx = floor_small(ex), wy = floor_small(ey);
@@ -164,7 +167,7 @@ void color_faces(const size_t *rows, const Source *source, __constant View *view
 // ---- at the samples of a row
 
 typedef struct {
-    real quadratic, linear; // a dx^2, b dx
+    real quadratic, linear; // the terms a dx^2 and b dx
     real dx;
 } Columns;
 typedef struct {
@@ -178,8 +181,9 @@ Columns columns_of(FACE_POINTER f, real x, __constant View *view)
 }
 
 #if LANES == 8
-// Returns which pairs of rows y, y + 1 (one pair per lane) contain a sample of the eight columns from `left` on with an
-// exponent of `limit` or more. The largest exponent of a row is at dx = -b dy / 2a, or at the nearer end.
+// Returns which row pairs y, y + 1 (one per lane) contain a sample with an exponent of `limit` or more.
+// Only the eight columns from `left` on are tested.
+// The largest exponent of a row is at dx = -b dy / 2a, or at the nearer end of the row.
 mask reaches(FACE_POINTER f, float left, real y)
 {
     float far = f->x - left, near = far - 7.0f, turn = -0.5f * f->b / f->a;

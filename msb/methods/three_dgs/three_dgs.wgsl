@@ -1,8 +1,9 @@
-// 3DGS: Gaussians, projected by a local affine map. A translation of three_dgs.cl for graphics hardware; its comments
-// explain more. Sources: graphdeco-inria/diff-gaussian-rasterization at 59f5f77: cuda_rasterizer/forward.cu, auxiliary.h;
+// 3DGS: Gaussians, projected by a local affine map.
+// This file translates three_dgs.cl for graphics hardware; the comments there explain more.
+// Sources: graphdeco-inria/diff-gaussian-rasterization at 59f5f77: cuda_rasterizer/forward.cu, auxiliary.h;
 // nerfstudio-project/gsplat at 90d7b4b.
 
-const STOP = 1e-4; // a Gaussian that would lower T below it is not blended
+const STOP = 1e-4; // a Gaussian that would lower the transmittance T below this value is not blended
 const MAX_ALPHA = 0.99;
 const DILATION = 0.3;
 #if GSPLAT
@@ -14,8 +15,8 @@ const LOG2E = 1.4426950408889634;
 
 struct Face {
     quad: vec4<f32>,
-    center: vec4<f32>, // mean in samples, then a and b of the exponent a dx^2 + b dx dy + c dy^2 of 2
-    shape: vec4<f32>, // c, opacity, the exponent below which alpha is below 1/255, depth of the mean
+    center: vec4<f32>, // mean in samples, then a and b of the base-2 exponent a dx^2 + b dx dy + c dy^2
+    shape: vec4<f32>, // c, opacity, the exponent at which alpha is 1/255, depth of the mean
     color: vec4<f32>, // then the slope of the depth along x
     slope: vec4<f32>, // the slope of the depth along y
 }
@@ -35,7 +36,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     }
     result.depth = t.z;
 
-    // The Jacobian of the projection, for a mean that is moved towards the image if it is far outside.
+    // The Jacobian of the projection; a mean far outside the image is moved towards the image first.
     let size = vec2<f32>(f32(view.width), f32(view.height));
     let focal = vec2<f32>(div(size.x, 2.0 * view.tan_fov.x), div(size.y, 2.0 * view.tan_fov.y));
 #if GSPLAT
@@ -56,7 +57,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     let kx = -div(mul(focal.x, tx), squared);
     let ky = -div(mul(focal.y, ty), squared);
 
-    // Rows p, q of J W, and the covariance on the screen, with and without the dilation.
+    // Rows p, q of J W, and the covariance on the screen with and without the dilation.
     let ahead = view.world_to_camera[2].xyz;
     let p = add3(scale3(view.world_to_camera[0].xyz, jx), scale3(ahead, kx));
     let q = add3(scale3(view.world_to_camera[1].xyz, jy), scale3(ahead, ky));
@@ -83,7 +84,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
 #endif
     let inverse = div(1.0, determinant);
 
-    // Mean of z given the sample, the mean on the screen, and the samples with an alpha of 1/255 or more.
+    // The mean of z at a sample, the mean on the screen, and the samples with an alpha of 1/255 or more.
     let with_x = dot3(vp, ahead);
     let with_y = dot3(vq, ahead);
     let rise = keep2(vec2<f32>(yy * with_x - xy * with_y, xx * with_y - xy * with_x) * inverse);
@@ -94,7 +95,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     let reach = sqrt(greater((2.0 / LOG2E) * (level + 2e-4), 0.0));
     let extent = vec2<f32>(reach * sqrt(xx) + 0.01, reach * sqrt(yy) + 0.01);
     result.samples = box_of(vec2<f32>(x, y) - extent, vec2<f32>(x, y) + extent);
-    if (!(determinant > 0.0)) { // a covariance that is indefinite by rounding can be visible anywhere
+    if (!(determinant > 0.0)) { // if rounding made the covariance indefinite, any sample may be covered
         result.samples = vec4<i32>(0, 0, i32(view.width) - 1, i32(view.height) - 1);
     }
     if (level < -2e-4) {

@@ -1,7 +1,7 @@
 """Read Triangle-Splatting's ``point_cloud/iteration_N/point_cloud_state_dict.pt``.
 
-Layout: trianglesplatting/triangle-splatting at 685ff27 (scene/triangle_model.py). A primitive is a triangle
-that shares no vertices, with one opacity logit, one sigma and one set of SH coefficients.
+Layout: trianglesplatting/triangle-splatting at 685ff27 (scene/triangle_model.py). A primitive is a separate
+triangle with one opacity logit, one sigma and one set of SH coefficients.
 """
 
 from msb.adapters.locate import Place
@@ -12,7 +12,7 @@ from msb.asset import Description
 from msb.asset.manifest import CoordinateFrame
 
 KEYS = ("triangles_points", "features_dc", "features_rest", "opacity", "sigma", "active_sh_degree")
-# Keys of methods with shared vertices.
+# State dict keys of methods with shared vertices.
 _NOT_OURS = {"_triangle_indices", "vertex_weight"}
 
 
@@ -25,8 +25,8 @@ def recognises(content: Content) -> bool:
 def read(place: Place, content: Content, options: Options) -> Model:
     """Return the model at `place`.
 
-    `sigma` is stored as the s of the checkpoint. Renderers use 0.01 + exp(s), as `coverage` in the manifest
-    states.
+    `sigma` is stored as the raw value s of the checkpoint. Renderers use 0.01 + exp(s), as `coverage` in
+    the manifest states.
     """
     settings = Settings("triangle_splatting", options.settings)
     tensors = Tensors(content.mapping(place.file), place.file, options.check_values)

@@ -13,7 +13,7 @@ from msb.render.splat.view import Culling
 
 
 def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
-    """Return `asset` in the form that the kernels read; errors as in `make_model`."""
+    """Return the model of `asset` for the kernels; raise the errors of `make_model`."""
     require(asset, "opacity", "encoding", "logit")
     require(asset, "coverage", "sigma_encoding", "exp")
     count = asset.manifest.face_count
@@ -29,10 +29,10 @@ def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
         coverage=np.stack([opacity, sigma, contour(opacity, sigma), rim(opacity, sigma)], axis=1),
         near=0.01,
         far=100.0,
-        # Two edges can be nearly parallel (a determinant of 1e-3). Rounding then moves their intersection by
-        # up to 0.1 % of the distance between the intersection and the first sample. This distance is at most
-        # one side of the raster plus the 1600 samples by which a face may extend beyond the raster. `Culling`
-        # adds the side of the raster.
+        # Two edges of a triangle can be nearly parallel (determinant 1e-3). Rounding shifts the intersection
+        # of these edges by up to 0.1 % of its distance from the first sample. The distance is at most the
+        # raster's side plus 1600 samples, because a face extends at most 1600 samples beyond the raster.
+        # `Culling` adds a margin in proportion to the raster's side.
         culling=Culling(nearest=0.2, dilation=1.0, margin=8.0),
         method_values={"broadcast_z": np.uint32(settings["view_dir"] == "broadcast_z")},
         outputs=("normal", "depth_median"),

@@ -14,13 +14,14 @@ SUFFIXES = (".off",)
 
 
 def write(asset: Asset, path: Path) -> None:
-    """Write COFF with merged vertices and face colours; all SH degrees are evaluated from the world's origin.
+    """Write COFF with merged vertices and face colours. All SH degrees are evaluated for a camera at the
+    world's origin.
 
-    trianglesplatting/triangle-splatting at 685ff27: create_off.py.
+    The format follows trianglesplatting/triangle-splatting at 685ff27: create_off.py.
     """
     positions = asset.buffers["positions"]
     triangles = positions.reshape(-1, 3, 3)
-    # Colours: SH of all stored degrees in the direction of each centroid, truncated to bytes.
+    # Evaluate SH of all stored degrees in the direction of each centroid, and truncate the colours to bytes.
     directions = triangles.mean(axis=1, dtype=np.float32)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     colors = np.float32(SH_C0) * asset.buffers["f_dc"]

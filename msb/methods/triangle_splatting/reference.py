@@ -90,9 +90,9 @@ def render(
 def points_seen(vertices: Reals, view_dir: str) -> Reals:
     """Return the points (F, 3) that define the view directions of triangles (F, 3 corners, 3).
 
-    "broadcast_z": (g_z, g_z, g_z), where g_z is the world z of the centroid. The official kernel was meant to
-    use the centroid, but its expression broadcasts the last component. Therefore trained coefficients are
-    correct only with this direction.
+    "broadcast_z" returns (g_z, g_z, g_z), where g_z is the world z of the centroid. The official kernel was
+    meant to use the centroid. Because of an error in an expression, the kernel uses the centroid's z for x, y
+    and z. Models are trained with this error, so their coefficients need the same direction.
     """
     center = centroid(vertices)
     return np.repeat(center[:, 2:], 3, axis=1) if view_dir == "broadcast_z" else center
@@ -109,7 +109,7 @@ def contour_tiles(windows: Windows, opacity: Reals, sigma: Reals, view: Splattin
     offset = edge_offset / norm(edge_normal)
     distance = np.zeros_like(opacity)
     for edge in range(3):
-        # All three edges are moved by the distance of one edge, unless this distance underflowed to 0.
+        # All three edges are moved by the distance of one edge, unless that distance underflowed to 0.
         distance = np.where(distance == 0, windows.inradius[:, edge] * shrunk, distance)
         offset[:, edge] = offset[:, edge] - distance
     grid = grid_size(view.width, view.height)
@@ -122,8 +122,8 @@ def contour_tiles(windows: Windows, opacity: Reals, sigma: Reals, view: Splattin
         x = -(t * m[:, 1] - s * n[:, 1]) / determinant
         y = -(s * n[:, 0] - t * m[:, 0]) / determinant
         corner = np.stack([x, y], axis=-1)
-        # The official test compares with a double. For the last pair the comparison is reversed, so NaN skips
-        # that pair.
+        # The official test compares with a double-precision number. The comparison of the last pair of edges
+        # is reversed, so a NaN skips this pair.
         size = np.abs(determinant).astype(np.float64)
         skipped = ~(size > MIN_DETERMINANT) if current == 0 else size < MIN_DETERMINANT
         use = ~skipped[:, None]

@@ -1,5 +1,5 @@
-// Triangle-Splatting: a triangle soup with a window that falls off from the incentre to the edges. Sources:
-// trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu.
+// Triangle-Splatting: a triangle soup with a window that falls off from the incentre to the edges.
+// Sources: trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu.
 
 #include "splat_common.cl"
 #include "splat_soup.cl"
@@ -9,14 +9,14 @@
 #define BLENDS_CROSSING 0
 #define SMALL_IS_DROPPED 1
 
-// coverage: opacity, sigma, the phi with o phi^sigma = 0.01, and the rim: the phi below which alpha is under
-// 1/255.
+// The array coverage has opacity, sigma, the phi with o phi^sigma = 0.01, and the rim.
+// The rim is the phi below which alpha is under 1/255.
 
 #if ENGINE
 #define LINES 12
 #define SHAPE(REAL) REAL lines[LINES];
 #else
-// inverse is 1 / inradius.
+// The value inverse is 1 / inradius.
 #define SHAPE(REAL) REAL normal_x[3], normal_y[3], offset[3], inverse, depth;
 #endif
 #define FACE_MEMBERS(REAL, INT)                                                                              \
@@ -50,7 +50,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
         return kept;
     *depth = w.depth;
     *official = contour_tiles(view, &w, coverage[2]);
-    // Like the official product of unsigned extents, this keeps a face if all its corners were skipped.
+    // Like the official test, this test keeps a face whose corners were all skipped.
     kept &= (official->x1 != official->x0) & (official->y1 != official->y0);
     keep_window(view, &w, coverage[3], f);
     f->depth = w.depth;
@@ -61,8 +61,9 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
 void color_faces(const size_t *rows, const Source *source, __constant View *view, real *color)
 {
     vec3 seen = {color[0], color[1], color[2]};
-    // The official kernel intends the centroid, but its expression broadcasts the last component, so trained
-    // coefficients are correct only with this direction.
+    // The official kernel was meant to use the centroid.
+    // Because of an error in an expression, the kernel uses the centroid's z for x, y and z.
+    // Models are trained with this error, so their coefficients need the same direction.
     if (view->own.broadcast_z)
         seen = (vec3){seen.z, seen.z, seen.z};
     color_of(view, source->f_dc, source->f_rest, rows, seen, color);

@@ -1,10 +1,10 @@
-// Triangle-Splatting: a triangle soup with a window that falls off from the incentre to the edges. A
-// translation of triangle_splatting.cl for graphics hardware; its comments explain more. Sources:
-// trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu.
+// Triangle-Splatting: a triangle soup with a window that falls off from the incentre to the edges.
+// This file translates triangle_splatting.cl for graphics hardware; the comments there explain more.
+// Sources: trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu.
 
-const STOP = 1e-4; // a face that would lower T below it is not blended
+const STOP = 1e-4; // a face that would lower the transmittance T below this value is not blended
 const MAX_ALPHA = 0.99;
-const COVERAGE = 4u; // opacity, sigma, the phi with o phi^sigma = 0.01, the rim
+const COVERAGE = 4u; // opacity, sigma, the phi with o phi^sigma = 0.01, and the rim
 
 #if ENGINE
 struct Face {
@@ -18,7 +18,7 @@ struct Face {
 #else
 struct Face {
     quad: vec4<f32>,
-    normal_x: vec4<f32>, // of the three edges; then 1 / inradius
+    normal_x: vec4<f32>, // distances of the three edges; then 1 / inradius
     normal_y: vec4<f32>, // then sigma
     offset: vec4<f32>,   // then opacity
     color: vec4<f32>,    // then depth
@@ -34,8 +34,9 @@ struct Face {
 
 fn point_seen(rows: vec3<u32>) -> vec3<f32> {
     let center = center_of(position(rows.x), position(rows.y), position(rows.z));
-    // The official kernel intends the centroid, but its expression broadcasts the last component, so trained
-    // coefficients are correct only with this direction.
+    // The official kernel was meant to use the centroid.
+    // Because of an error in an expression, the kernel uses the centroid's z for x, y and z.
+    // Models are trained with this error, so their coefficients need the same direction.
     return select(center, center.zzz, view.broadcast_z == 1u);
 }
 
@@ -62,7 +63,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     }
     result.depth = w.depth;
     result.tiles = contour_tiles(&w, coverage[COVERAGE * number + 2u]);
-    // Like the official product of unsigned extents, this keeps a face if all its corners were skipped.
+    // Like the official test, this test keeps a face whose corners were all skipped.
     result.kept = result.tiles.x != result.tiles.z && result.tiles.y != result.tiles.w;
     result.samples = window_box(&w, coverage[COVERAGE * number + 3u]);
     let n = w.edge_normal;

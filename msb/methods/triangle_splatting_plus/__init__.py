@@ -1,4 +1,5 @@
-"""Triangle Splatting+: the predecessor of MeshSplatting. Layout and image formation are nearly the same."""
+"""Triangle Splatting+ is the predecessor of MeshSplatting. The two methods have nearly the same file layout
+and image formation."""
 
 from dataclasses import replace
 

@@ -1,7 +1,7 @@
 """Read Triangle Splatting+: ``point_cloud/iteration_N/point_cloud_state_dict.pt`` without `pixel_count`.
 
-Layout: trianglesplatting2/triangle-splatting2 at fcde03d (scene/triangle_model.py). It is the layout of
-MeshSplatting without pixel counts. The official loader sets an opacity floor of 0.9999.
+Layout: trianglesplatting2/triangle-splatting2 at fcde03d (scene/triangle_model.py). The files equal
+MeshSplatting's files without pixel counts. The official loader sets an opacity floor of 0.9999.
 """
 
 from functools import partial
@@ -10,7 +10,7 @@ from msb.adapters.model import Content
 from msb.methods.mesh_splatting import adapter as sibling
 
 KEYS = sibling.KEYS
-# A model is read as by MeshSplatting's adapter. Mesh files are imported by the same rules.
+# MeshSplatting's adapter also reads models of Triangle Splatting+. Mesh files are read as for MeshSplatting.
 read = partial(sibling.read, method="triangle_splatting_plus")
 
 

@@ -12,10 +12,10 @@ from msb.render.splat.model import SplatModel, contour
 
 
 def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
-    """Return `asset` in the form that the kernels read; errors as in `make_model`."""
+    """Return the model of `asset` for the kernels; raise the errors of `make_model`."""
     model = native.splat_model(asset, settings)
     shrunk = contour(model.coverage[:, 0], np.float32(settings["sigma"]))
-    # Tiles and margin as in Triangle-Splatting.
+    # The tiles and the margin are computed as in Triangle-Splatting.
     return replace(
         model,
         coverage=np.column_stack([model.coverage, shrunk]),

@@ -1,6 +1,6 @@
 """Triangle Splatting+: MeshSplatting with a lower limit of alpha, flat depth and other tiles.
 
-Tiles as in Triangle-Splatting. Sources: trianglesplatting2/triangle-splatting2 at fcde03d:
+The tiles are computed as in Triangle-Splatting. Sources: trianglesplatting2/triangle-splatting2 at fcde03d:
 scene/triangle_model.py, triangle_renderer/__init__.py, render.py (supersampling);
 trianglesplatting2/diff-triangle2-rasterization at 42e62aa: cuda_rasterizer/forward.cu.
 """

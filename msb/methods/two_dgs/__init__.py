@@ -1,4 +1,4 @@
-"""2DGS: flat Gaussian discs that the rays of the pixels meet, and the mesh that its TSDF fusion extracts."""
+"""2DGS: flat Gaussian discs that are intersected with pixel rays, and the mesh from its TSDF fusion."""
 
 from msb.registry import (
     AWARE,

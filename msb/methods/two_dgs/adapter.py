@@ -1,4 +1,4 @@
-"""Read 2DGS: its Gaussians, or the mesh of its TSDF fusion, ``train/ours_N/fuse_post.ply``.
+"""Read 2DGS: its Gaussians, or the mesh from its TSDF fusion, ``train/ours_N/fuse_post.ply``.
 
 Layout: hbb1/2d-gaussian-splatting at 1920a23 (scene/gaussian_model.py, render.py, utils/mesh_utils.py).
 """
@@ -13,7 +13,7 @@ from msb.splats.ply import holds_discs
 
 
 def recognises(content: Content) -> bool:
-    """Return whether `content` has the name of a fused mesh, or holds Gaussians with two axes."""
+    """Return whether `content` has the name of a fused mesh, or contains Gaussians with two axes."""
     return _holds_discs(content) or content.place.file.name in FUSED
 
 

@@ -12,9 +12,9 @@ from msb.splats.primitive import activate
 
 
 def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
-    """Return `asset` in the form that the kernels read; errors as in `make_model`."""
+    """Return the model of `asset` for the kernels; raise the errors of `make_model`."""
     discs = activate(asset, 2)
-    # Both axes of a disc as vectors (N, 3) of one standard deviation.
+    # Both axes of the N discs as vectors (N, 3). The length of an axis is one standard deviation.
     axes = [discs.rotation[:, :, k] * discs.deviation[:, k : k + 1] for k in range(2)]
     culling = splat_culling(settings["rasterizer"])
     return SplatModel(

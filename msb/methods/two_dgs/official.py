@@ -1,4 +1,4 @@
-"""The official file of 2DGS, which is that of 3DGS with two scales."""
+"""The official PLY file of 2DGS equals the file of 3DGS, but has two scales instead of three."""
 
 from msb.methods.three_dgs.official import SUFFIXES, write
 

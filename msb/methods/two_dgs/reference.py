@@ -1,4 +1,4 @@
-"""2DGS as its official kernel forms it, in the official order of operations, or by the rules of gsplat.
+"""2DGS as drawn by its official kernel, in the official order of operations, or by the rules of gsplat.
 
 Sources: hbb1/diff-surfel-rasterization at e0ed020: cuda_rasterizer/forward.cu, auxiliary.h;
 nerfstudio-project/gsplat at 90d7b4b: gsplat/cuda/_torch_impl_2dgs.py.
@@ -30,17 +30,19 @@ from msb.reference.tiles import Integers, Modes
 from msb.scenes import Camera
 from msb.splats.primitive import Activated, activate
 
-# Radius in standard deviations of the disc that the official box encloses, and of gsplat's box.
+# The official box encloses a disc of 3 standard deviations; gsplat's box encloses a disc of 1 standard
+# deviation.
 CUTOFF = {"official": 3.0, "gsplat": 1.0}
-# Standard deviation of the low-pass filter in samples.
+# Standard deviation of the low-pass filter, in samples.
 FILTER = 0.707106
-# Smallest square of half a side of the box, in square samples.
+# Lower limit of the squared half side of a box, in square samples.
 MIN_SQUARE = 1e-4
 _RULE = Rule(blends_crossing=False, weight_first=True)
 
 
 class Rays(NamedTuple):
-    """Where rays meet the planes of discs: u and v in standard deviations, the depth, and u's divisor."""
+    """The intersections of rays with the planes of discs: u and v in standard deviations, the depth, and the
+    divisor of u."""
 
     u: Reals
     v: Reals
@@ -58,7 +60,7 @@ def render(
 ) -> ReferenceFrame:
     """Return the frame of `asset` from `camera`; see `render_reference`.
 
-    The depth of a disc at a sample is that of the point that the ray meets.
+    The depth of a disc at a sample is the depth of the point where the ray meets the disc.
     """
     real, rasterizer = dtype, settings["rasterizer"]
     view = splatting_camera(camera, NEAR, FAR, dtype)
@@ -69,7 +71,7 @@ def render(
     )
     point = transform(view.world_to_camera[:3], discs.mean)
     z, nearest = point[:, 2], real(NEAREST[rasterizer])
-    # Normals face the camera. Official code drops a disc that is seen exactly from the side.
+    # Turn the normals towards the camera. The official code drops a disc that is seen exactly edge-on.
     normal = rotate(view.world_to_camera[:3], discs.rotation[:, :, 2])
     facing = -dot(point, normal)
     normal = np.where(facing[:, None] > 0, normal, -normal)
@@ -125,7 +127,8 @@ def render(
 
 
 def _homography(discs: Activated, view: SplattingCamera) -> tuple[Reals, Reals, Reals]:
-    """Return Tu, Tv, Tw (N, 3): times (u, v, 1) they are x depth, y depth and depth, x and y in samples."""
+    """Return Tu, Tv, Tw (N, 3). The products of Tu, Tv and Tw with (u, v, 1) are x times depth, y times
+    depth, and depth. The positions x and y are in samples."""
     full, real = view.full_projection, discs.mean.dtype.type
     columns = [*(discs.rotation[:, :, k] * discs.deviation[:, k : k + 1] for k in range(2)), discs.mean]
 
@@ -140,7 +143,8 @@ def _homography(discs: Activated, view: SplattingCamera) -> tuple[Reals, Reals, 
 
 
 def _find_box(tu: Reals, tv: Reals, tw: Reals, cutoff: Any) -> tuple[Reals, Reals, NDArray[np.bool_]]:
-    """Return middle and half sides (N, 2) of the box around discs of radius `cutoff`, and where it exists."""
+    """Return the centres and half sides (N, 2) of the boxes around N discs of radius `cutoff`. Also return a
+    mask of the discs that have a box."""
     real = tw.dtype.type
     t = np.array([cutoff * cutoff, cutoff * cutoff, -1], real)
     d = dot(np.broadcast_to(t, tw.shape), tw * tw)

@@ -1,5 +1,6 @@
-// 2DGS: Gaussian discs, met by the ray of each sample. Sources: hbb1/diff-surfel-rasterization at e0ed020:
-// cuda_rasterizer/forward.cu, auxiliary.h; with GSPLAT the rules of nerfstudio-project/gsplat at 90d7b4b.
+// 2DGS: Gaussian discs that are intersected with the ray of each sample.
+// Sources: hbb1/diff-surfel-rasterization at e0ed020: cuda_rasterizer/forward.cu, auxiliary.h; with GSPLAT
+// the rules of nerfstudio-project/gsplat at 90d7b4b.
 
 #include "splat_common.cl"
 #include "splat_color.cl"
@@ -21,9 +22,11 @@
 #define LEAST 1e-4f
 #define LOG2E 1.4426950408889634f
 
-// A row of `positions` is the mean and both axes times their standard deviations; coverage is opacity and normal.
-// The point d = (u, v, 1) of a disc, in standard deviations, is seen at the sample (p . d / r . d, q . d / r . d), at the
-// depth r . d. Alpha is below 1/255 if u^2 + v^2 is above `limit`.
+// A row of `positions` has the mean, and both axes times their standard deviations.
+// coverage has opacity and normal.
+// The point d = (u, v, 1) of a disc, in standard deviations, is at the sample (p . d / r . d, q . d / r . d).
+// The depth of the point is r . d.
+// Alpha is below 1/255 if u^2 + v^2 is above `limit`.
 #define FACE_MEMBERS(REAL, INT)                                                                              \
     {                                                                                                        \
         REAL p[3], q[3], r[3], x, y, opacity, limit, normal[3], color[3];                                    \
@@ -32,7 +35,7 @@
 typedef struct BY_EIGHTS Face FACE_MEMBERS(float, int) Face;
 typedef struct FACE_MEMBERS(real, mask) Faces;
 
-// Three points at 3.4 standard deviations or more around the mean, from which splat_bounds.cl makes a sphere.
+// Three points around the mean, at 3.4 standard deviations or more; splat_bounds.cl makes a sphere from them.
 void corners_of(const size_t *rows, __global const float *positions, __global const uint *indices,
                 vec3 *corners)
 {
@@ -59,8 +62,8 @@ void prefetch_colors(size_t row, const Source *source, __constant View *view)
 }
 #endif
 
-// The middle and the squared half sides of the box around a disc with this squared radius. Returns where it exists: not if
-// the camera's plane touches the disc.
+// Computes the middle and the squared half sides of the box around a disc with this squared radius.
+// Returns whether the box exists; it does not if the camera's plane touches the disc.
 mask disc_box(const Faces *f, real square, vec2 *middle, vec2 *squares, real *d)
 {
     *d = square * (f->r[0] * f->r[0]) + square * (f->r[1] * f->r[1]) - f->r[2] * f->r[2];
@@ -95,7 +98,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     f->normal[1] = normal.y;
     f->normal[2] = normal.z;
 
-    // Columns p, q, r (3): the screen position times depth, and the depth, of both axes and of the mean.
+    // Columns p, q, r (3) for both axes and the mean: the screen position times depth, and the depth.
     __constant float *full = view->full;
     float w = (float)view->width, h = (float)view->height;
     float middle_x = (w - 1.0f) / 2.0f + view->shift[0], middle_y = (h - 1.0f) / 2.0f + view->shift[1];
@@ -118,7 +121,8 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     f->y = middle.y;
     real ex = root(greater(squares.x, (real)LEAST)), ey = root(greater(squares.y, (real)LEAST));
 
-    // The samples with an alpha of 1/255 or more: of the disc, and of the filter around the middle of the official box.
+    // The samples with an alpha of 1/255 or more.
+    // The samples belong to the disc, or to the filter around the middle of the official box.
     real level = 2.0f / LOG2E * log2_fast(greater(255.0f * f->opacity, (real)1e-30f));
     f->limit = level + 1e-3f;
     vec2 here;

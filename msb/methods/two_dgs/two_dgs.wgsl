@@ -1,25 +1,26 @@
-// 2DGS: Gaussian discs, met by the ray of each sample. A translation of two_dgs.cl for graphics hardware; its comments
-// explain more. Sources: hbb1/diff-surfel-rasterization at e0ed020: cuda_rasterizer/forward.cu, auxiliary.h;
+// 2DGS: Gaussian discs that are intersected with the ray of each sample.
+// This file translates two_dgs.cl for graphics hardware; the comments there explain more.
+// Sources: hbb1/diff-surfel-rasterization at e0ed020: cuda_rasterizer/forward.cu, auxiliary.h;
 // nerfstudio-project/gsplat at 90d7b4b.
 
-const STOP = 1e-4; // a disc that would lower T below it is not blended
+const STOP = 1e-4; // a disc that would lower the transmittance T below this value is not blended
 const MAX_ALPHA = 0.99;
 #if GSPLAT
 const NEAREST = 0.01;
-const SQUARE = 1.0; // squared radius in standard deviations of the disc in the official box
+const SQUARE = 1.0; // squared radius, in standard deviations, of the disc inside the official box
 #else
 const NEAREST = 0.2;
 const SQUARE = 9.0;
 #endif
-const FILTER = 0.707106; // standard deviation of the low-pass filter in samples
+const FILTER = 0.707106; // standard deviation of the low-pass filter, in samples
 const LEAST = 1e-4;
 const LOG2E = 1.4426950408889634;
 const COVERAGE = 4u; // opacity, then the normal
 
 struct Face {
     quad: vec4<f32>,
-    p: vec4<f32>, // the point d = (u, v, 1) is at the sample (p . d / r . d, q . d / r . d); then the middle's x
-    q: vec4<f32>, // then the middle's y
+    p: vec4<f32>, // the point d = (u, v, 1) is at sample (p . d / r . d, q . d / r . d); then x of the middle
+    q: vec4<f32>, // then y of the middle
     r: vec4<f32>, // then opacity
     color: vec4<f32>, // then the largest u^2 + v^2 with an alpha of 1/255 or more
 }
@@ -31,11 +32,11 @@ fn point_seen(rows: vec3<u32>) -> vec3<f32> { return position(rows.x); }
 
 fn linear(row: vec4<f32>, v: vec3<f32>) -> f32 { return dot3(row.xyz, v); }
 
-// The box around a disc with this squared radius. It does not exist if `divisor` is 0; if `divisor` is not negative, the
-// camera's plane cuts the disc.
+// Computes the box around a disc with this squared radius.
+// The box does not exist if `divisor` is 0; if `divisor` is not negative, the camera's plane cuts the disc.
 struct DiscBox {
     middle: vec2<f32>,
-    squares: vec2<f32>, // of half its sides
+    squares: vec2<f32>, // squares of half the sides
     divisor: f32,
 }
 
@@ -70,7 +71,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     result.depth = t.z;
     let opacity = coverage[start];
 
-    // Columns p, q, r: the screen position times depth, and the depth, of both axes and of the mean.
+    // Columns p, q, r for both axes and the mean: the screen position times depth, and the depth.
     let size = vec2<f32>(f32(view.width), f32(view.height));
     let middle = keep2((size - 1.0) / 2.0 + view.shift);
     var p: vec3<f32>;
@@ -96,7 +97,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     }
     let extent = vec2<f32>(root(greater(box.squares.x, LEAST)), root(greater(box.squares.y, LEAST)));
 
-    // The samples with an alpha of 1/255 or more: of the disc, and of the filter around the middle of the official box.
+    // The samples with an alpha of 1/255 or more, of the disc, and of the filter around the middle of the official box.
     let limit = 2.0 / LOG2E * log2(greater(mul(255.0, opacity), 1e-30)) + 1e-3;
     let reach = disc_box(p, q, r, greater(limit, 0.0));
     let far = dot2(reach.middle, reach.middle);

@@ -1,4 +1,4 @@
-"""2DTS: triangle soups that are sorted and blended; opacity is a Gaussian-like function of eccentricity."""
+"""2DTS: sorted and blended triangle soups; opacity is a Gaussian-like function of eccentricity."""
 
 from dataclasses import replace
 

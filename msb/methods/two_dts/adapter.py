@@ -1,8 +1,7 @@
 """Read 2DTS: ``ckpt/N.ckpt`` or ``point_cloud/N.ply``, and the training's configuration file.
 
 Layout: GaodeRender/triangle-splatting at 54c80f7 (src/diff_recon: the model's state dict and PLY writer). A
-primitive is a triangle that shares no vertices, with one opacity logit and one set of SH coefficients;
-`gamma` is global.
+primitive is a separate triangle with one opacity logit and one set of SH coefficients; `gamma` is global.
 """
 
 import re
@@ -25,8 +24,7 @@ from msb.meshes.ply_table import PlyTable
 KEYS = ("_vertex", "_opacity", "_f_dc", "_f_rest")
 _CORNERS = tuple(f"{axis}{corner}" for corner in (1, 2, 3) for axis in "xyz")
 _PLY_NAMES = (*_CORNERS, "opacity", "f_dc_0", "f_dc_1", "f_dc_2")
-# For each setting: its key in the section "model" of a configuration, and the official default without this
-# key.
+# The configuration key of each setting in the section "model", and the official default of the setting.
 _UPSTREAM: dict[str, tuple[str, Any]] = {
     "rasterizer": ("rasterizer_type", "3D"),
     "sh_degree": ("max_sh_degree", None),
@@ -36,9 +34,9 @@ _UPSTREAM: dict[str, tuple[str, Any]] = {
     "render_up_scale": ("render_up_scale", None),
 }
 
-# Deepest accepted nesting of a configuration; real configurations have 3 levels.
+# Maximum accepted nesting of a configuration; real configurations have 3 levels.
 MAX_DEPTH = 32
-# GaodeRender/triangle-splatting: the first record of the log is a YAML dump between two lines of "=".
+# The first entry of the log is a YAML dump between two lines of "=" (GaodeRender/triangle-splatting).
 _LOG_HEAD = re.compile(r"config args:[ \t]*\n=+[^\n]*=+[ \t]*\n(.*?)^=+[ \t]*$", re.DOTALL | re.MULTILINE)
 
 
@@ -76,7 +74,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
         settings.add("gamma", gamma, "checkpoint", place.file, "gamma")
     buffers, degree = _buffers(tensors, prefix)
     warnings += tensors.warnings
-    # Settings come from the configuration, or are the official defaults.
+    # Settings come from the configuration, otherwise from the official defaults.
     config, files, config_warnings = read_config(place.root, options.config)
     warnings += config_warnings
     if config:
@@ -104,7 +102,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
 
 
 def _box_names(box: list[float] | None) -> tuple[str, ...]:
-    """Return the keys of the scene box in the manifest, for a box of 4 or 6 numbers."""
+    """Return the manifest keys of the scene box, for a box of 4 or 6 numbers."""
     axes = "xyz"[: len(box) // 2] if box else ""
     return tuple(f"scene_bbox_{end}_{axis}" for end in ("min", "max") for axis in axes)
 
@@ -113,7 +111,7 @@ def _parts(value: Any, file: Path, check_values: bool) -> tuple[Tensors, float, 
     """Return parameters, gamma and scene box of a checkpoint (params, optimizer, scene_bbox, gamma)."""
     if not isinstance(value, tuple) or len(value) != 4 or not isinstance(value[0], dict):
         what = f"a tuple of {len(value)} items" if isinstance(value, tuple) else "not a tuple"
-        text = f"it is {what}; it must be (params, optimizer, scene_bbox, gamma)"
+        text = f"the checkpoint is {what}; it must be (params, optimizer, scene_bbox, gamma)"
         raise CheckpointError("CHECKPOINT_LAYOUT", text, file=file)
     gamma = Tensors({"gamma": value[3]}, file).number("gamma")
     box = value[2]
@@ -129,7 +127,7 @@ def _parts(value: Any, file: Path, check_values: bool) -> tuple[Tensors, float, 
 def _table_tensors(table: PlyTable, file: Path, check_values: bool) -> Tensors:
     """Return the columns of a PLY (one row per triangle) in the shapes of a checkpoint.
 
-    `f_rest` is coefficient-major, unlike in 3DGS.
+    `f_rest` is stored coefficient by coefficient, unlike in 3DGS.
     """
     missing = [name for name in _PLY_NAMES if name not in table.names]
     if missing:
@@ -151,7 +149,7 @@ def _table_tensors(table: PlyTable, file: Path, check_values: bool) -> Tensors:
 
 
 def _buffers(tensors: Tensors, prefix: str) -> tuple[dict[str, NDArray[Any]], int]:
-    """Return the buffers and the SH degree; keys of a checkpoint begin with an underscore."""
+    """Return the buffers and the SH degree. `prefix` is "_" for a checkpoint and empty for a PLY."""
     vertices = tensors.floats(f"{prefix}vertex", "N", 3, 3)
     opacity = tensors.floats(f"{prefix}opacity", "N", 1, infinite=True)
     f_dc = tensors.floats(f"{prefix}f_dc", "N", 1, 3)
@@ -180,9 +178,10 @@ def _configure(settings: Settings, model: dict[str, Any], degree: int, file: Pat
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """A YAML loader that rejects aliases; configurations do not use them, and they can grow exponentially.
+    """A YAML loader that rejects aliases. Aliases can make a small file expand exponentially, and training
+    configurations have none.
 
-    It also limits the length of integers, and the nesting, because the library recurses for each level.
+    Long integers and deep nesting are also rejected, because the YAML library is recursive.
     """
 
     _depth = 0
@@ -205,8 +204,9 @@ class _PlainLoader(yaml.SafeLoader):
 def read_config(root: Path, given: Path | None) -> tuple[dict[str, Any], tuple[Path, ...], list[Finding]]:
     """Return the configuration of a 2DTS training, the files read, and warnings.
 
-    The first existing file is used: the file `given`, a YAML file in the output folder `root`, or the latest
-    text log in ``root/log``. The result has the file's nesting, ``{"model": {...}, "trainer": {...}}``.
+    The first existing file is used, in this order: `given`, a YAML file in the output folder `root`, the
+    latest text log in ``root/log``. The result is a nested dictionary such as ``{"model": {...}, "trainer":
+    {...}}``.
     """
     if given is not None:
         return _config_of(given), (given,), []
@@ -228,17 +228,17 @@ def _config_of(path: Path) -> dict[str, Any]:
     if path.suffix == ".log":
         match = _LOG_HEAD.search(text)
         if match is None:
-            raise unusable(path, 'the record "config args:" is missing')
+            raise unusable(path, 'the entry "config args:" is missing')
         text = match[1]
     try:
         data = yaml.load(text, _PlainLoader)  # this loader is a SafeLoader, which reads plain values only
     except ArithmeticError:
-        raise unusable(path, "a number in it is too large") from None
-    # Invalid values with a tag raise Python errors, such as KeyError for "!!bool maybe".
+        raise unusable(path, "a number in the file is too large") from None
+    # Invalid values with a YAML tag raise Python errors, such as KeyError for "!!bool maybe".
     except (yaml.YAMLError, ValueError, LookupError, AttributeError, TypeError) as error:
         mark = getattr(error, "problem_mark", None)
         where = "" if mark is None else f" in line {mark.line + 1}"
-        raise unusable(path, f"it is not valid YAML{where}") from None
+        raise unusable(path, f"the file is not valid YAML{where}") from None
     if not isinstance(data, dict) or not isinstance(data.get("model"), dict):
         raise unusable(path, 'the section "model" is missing')
     return data

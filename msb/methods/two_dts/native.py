@@ -14,16 +14,16 @@ from msb.asset.drawable import require, required_buffer
 from msb.render.splat.model import CLIPPED, SplatModel, soup_positions
 from msb.render.splat.view import Culling
 
-# Triangles that are rescaled at a time, to limit temporary memory.
+# Number of triangles that are rescaled at a time, to limit temporary memory.
 _CHUNK = 1 << 16
 
 
 def rescale(positions: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
     """Return triangles (3 F, 3), shrunk about their centroids.
 
-    The total opacity is then the same for every gamma.
+    The factor keeps the total opacity equal for every gamma.
 
-    The factor is 1 / sqrt(2^b b Gamma(b)) with b = 1 / gamma, in double and rounded
+    The scale factor is 1 / sqrt(2^b b Gamma(b)) with b = 1 / gamma, computed in double and rounded
     (GaodeRender/triangle-splatting: src/diff_recon/models/VanillaTS_model.py).
     """
     beta = 1 / gamma
@@ -39,8 +39,8 @@ def rescale(positions: NDArray[np.float32], gamma: float) -> NDArray[np.float32]
 def reach(opacity: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
     """Return the eccentricity beyond which alpha is less than 1/255, but at most 10.
 
-    With the eccentricity ecc, alpha is o exp(-ecc^(2 gamma) / 2). ecc is 0 at the centroid and 1 on the
-    edges. The result is slightly increased to allow for rounding. It is -1 if alpha is below 1/255 even at
+    At eccentricity ecc, alpha is o exp(-ecc^(2 gamma) / 2); ecc is 0 at the centroid and 1 on the edges.
+    The result is slightly increased to allow for rounding. The result is -1 if alpha is below 1/255 even at
     the centroid.
     """
     with np.errstate(divide="ignore"):
@@ -50,7 +50,7 @@ def reach(opacity: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
 
 
 def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
-    """Return `asset` in the form that the kernels read; errors as in `make_model`."""
+    """Return the model of `asset` for the kernels; raise the errors of `make_model`."""
     require(asset, "opacity", "encoding", "logit")
     positions = soup_positions(asset)
     if settings["gamma_rescale"]:
@@ -58,7 +58,7 @@ def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
     opacity = sigmoid(required_buffer(asset, "opacity", asset.manifest.face_count))
     if settings["ste_threshold"] is not None:
         step = (opacity > np.float32(settings["ste_threshold"])).astype(np.float32)
-        # this is the official expression; instead of 1 it may give a neighbouring float
+        # float32 rounding may give a value just beside 1, as in the official code
         opacity = (step - opacity) + opacity
     return SplatModel(
         program="two_dts",

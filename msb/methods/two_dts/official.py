@@ -18,18 +18,18 @@ SUFFIXES = (".glb", ".ply")
 
 
 def write(asset: Asset, path: Path) -> None:
-    """Write the triangles inside the scene box and above the STE threshold, if these are set.
+    """Write the triangles inside the scene box and above the STE threshold, if the model sets them.
 
-    Without back culling each triangle is written twice, with both orientations.
-    GaodeRender/triangle-splatting at 54c80f7: export scripts.
+    Without back-face culling, each triangle is written twice, with both orientations.
+    The formats follow GaodeRender/triangle-splatting at 54c80f7: export scripts.
     """
     buffers, settings = asset.buffers, asset.manifest.settings
     # Select faces by opacity and scene box.
     keep = visible_faces(asset, stored_threshold(asset))
     keep = np.ones(asset.manifest.face_count, bool) if keep is None else keep
     keep &= _in_box(asset)
-    # Colours of SH degree 0. If there is a threshold, every face that exceeds it gets the opacity
-    # sigmoid(10).
+    # Colours are evaluated at SH degree 0. If a threshold is set, every face that exceeds it gets the
+    # opacity sigmoid(10).
     alpha = sigmoid(buffers["opacity"][keep])
     if settings["ste_threshold"].value is not None:
         alpha[:] = sigmoid(np.full(1, 10, np.float32))
@@ -47,7 +47,8 @@ def write(asset: Asset, path: Path) -> None:
 
 
 def _in_box(asset: Asset) -> NDArray[np.bool_]:
-    """Return which centroids are in the scene box or on its bounds; without a box, all centroids count."""
+    """Return which centroids are in the scene box or on its bounds. Without a box, return True for all
+    centroids."""
     centroids = asset.buffers["positions"].reshape(-1, 3, 3).mean(axis=1)
     inside = np.ones(len(centroids), bool)
     for number, axis in enumerate("xyz"):

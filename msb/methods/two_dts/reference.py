@@ -35,11 +35,11 @@ from msb.reference.sh import colors_from_sh
 from msb.reference.tiles import TILE, Integers, Modes, Rectangles, grid_size, tile_number
 from msb.scenes import Camera
 
-# Planes of the official projection matrix, in scene units.
+# Near and far planes of the official projection matrix, in scene units.
 NEAR, FAR = 1.0, 1000.0
-# Least divisor and least area of the official kernels.
+# Minimum divisor and minimum area of the official kernels.
 EPS = 1e-8
-# The bounds of a triangle are this many times as far from the centroid as the corners are.
+# Ratio of the bounds of a triangle to the triangle, both measured from the centroid.
 DILATION = 3
 # Upper limits of alpha and of the eccentricity.
 MAX_ALPHA = 0.99
@@ -61,7 +61,7 @@ def render(
     stored = triangles(asset, dtype)
     faces = len(stored)
     gamma = dtype(settings["gamma"])
-    # Activated parameters of the F triangles.
+    # Compute the activated parameters of the F triangles.
     vertices = rescale(stored, settings["gamma"]) if settings["gamma_rescale"] else stored
     opacity = opacities(asset, faces, dtype)
     if settings["ste_threshold"] is not None:
@@ -113,9 +113,9 @@ def render(
 def rescale(vertices: Reals, gamma: float) -> Reals:
     """Return triangles (F, 3, 3), shrunk about their centroids.
 
-    The total opacity is then the same for every gamma.
+    The factor keeps the total opacity equal for every gamma.
 
-    The factor is 1 / sqrt(2^b b Gamma(b)) with b = 1 / gamma, in double and rounded.
+    The scale factor is 1 / sqrt(2^b b Gamma(b)) with b = 1 / gamma, computed in double and rounded.
     """
     beta = 1 / gamma
     factor = vertices.dtype.type(1 / math.sqrt(2**beta * beta * math.gamma(beta)))
@@ -124,21 +124,21 @@ def rescale(vertices: Reals, gamma: float) -> Reals:
 
 
 def straight_through(opacity: Reals, threshold: float) -> Reals:
-    """Return 1 for opacities above the threshold, else 0.
+    """Return 1 for opacities above the threshold, otherwise 0.
 
-    Instead of 1, the official expression may give a neighbouring float.
+    Rounding may give a float next to 1, as in the official expression.
     """
     step = (opacity > opacity.dtype.type(threshold)).astype(opacity.dtype)
     return np.asarray((step - opacity) + opacity)
 
 
 def coverage_alpha(eccentricity: Reals, opacity: Reals, gamma: Any) -> Reals:
-    """Return min(0.99, o exp(-ecc^(2 gamma) / 2)); 0 for eccentricities outside 0 to 10.
+    """Return min(0.99, o exp(-ecc^(2 gamma) / 2)), or 0 for eccentricities outside 0 to 10.
 
     Parameters
     ----------
     eccentricity : (K, P)
-        0 at the centroid, 1 on the edges; NaN for samples whose ray misses the face's plane.
+        Eccentricity, 0 at the centroid and 1 on the edges; NaN for samples whose ray misses the face's plane.
     opacity : (K, 1)
     """
     near = (eccentricity >= 0) & (eccentricity <= MAX_ECCENTRICITY)
@@ -159,16 +159,17 @@ def bounds(points: Reals, width: int, height: int) -> tuple[Rectangles, Reals]:
 
 
 def project(points: Reals, view: SplattingCamera) -> Reals:
-    """Return normalised device coordinates of points (..., 3), divided by |w| + eps instead of w.
+    """Return normalised device coordinates of points (..., 3); the divisor is |w| + eps instead of w.
 
-    Therefore a point behind the camera has a negative z and fails the near test.
+    Points behind the camera therefore have a negative z and fail the near test.
     """
     h = transform(view.full_projection, points)
     return np.asarray(h[..., :3] * (1 / (np.abs(h[..., 3:]) + h.dtype.type(EPS))))
 
 
 class AffineRasterizer:
-    """The "2D" rasterizer: perspective is linearised at the centroid, corners are moved outwards by 0.5 px.
+    """The "2D" rasterizer: perspective is linearised at the centroid, and corners are moved outwards by 0.5
+    px.
 
     Faces and samples broadcast against each other, as in `msb.reference.edge_window.Windows`. Attributes of F
     triangles: `dropped` (F,), `depth` (F,), `normal` (F, 3), `rectangles`, `radius` (F,).
@@ -190,7 +191,7 @@ class AffineRasterizer:
         length = norm(normal)
         self.dropped |= length < eps
         self.normal = normal / length[:, None]
-        # Corners relative to the projected centroid, moved outwards by half a sample.
+        # Subtract the projected centroid from the corners. Then move the corners outwards by half a sample.
         z = self.depth[:, None, None]
         flat = (arms[..., :2] - arms[..., 2:] * clamped[:, None] / z) / (z * view.tan_fov)
         reach = norm(flat)[..., None]
@@ -201,7 +202,7 @@ class AffineRasterizer:
         self.corners = middle + flat
         first, second, third = np.moveaxis(self.corners, (1, 2), (0, 1))
         self.area = cross_2d(second - first, third - first)
-        # y points down, so a front face (counter-clockwise on the screen) has a negative area.
+        # The y axis points down, so a front face (counter-clockwise on the screen) has a negative area.
         self.dropped |= self.area >= -eps if back_culling else np.abs(self.area) < eps
         self.rectangles, self.radius = bounds(middle + DILATION * flat, view.width, view.height)
         self.dropped |= ((self.rectangles.high - self.rectangles.low) <= 0).any(axis=1)
@@ -227,9 +228,10 @@ class AffineRasterizer:
 
 
 class PlanarRasterizer:
-    """The "3D" rasterizer: the ray of every sample meets the triangle's plane; no low-pass filter.
+    """The "3D" rasterizer: the ray of every sample is intersected with the triangle's plane; no low-pass
+    filter.
 
-    Attributes as in `AffineRasterizer`; the length of the normal is twice the triangle's area.
+    The attributes are explained at `AffineRasterizer`; the length of the normal is twice the triangle's area.
     """
 
     def __init__(self, vertices: Reals, view: SplattingCamera, back_culling: bool) -> None:
@@ -277,14 +279,16 @@ class PlanarRasterizer:
 
 
 class EngineRasterizer:
-    """Both rasterizers with engine sampling: by hardware, in exact perspective, without a low-pass filter.
+    """Draws the triangles of both rasterizers by the rules of graphics hardware: exact perspective, no
+    low-pass filter.
 
 
-    Hardware generates no fragments outside a triangle, but this method's coverage extends beyond its edges.
-    Therefore the triangles are enlarged about their centroids until they contain all of their coverage. A
-    vertex shader can enlarge them.
+    Graphics hardware draws nothing outside a triangle, but the falloff of this method extends beyond the
+    edges. Each triangle is enlarged about its centroid until it contains the whole falloff. An engine can do
+    this in a vertex shader.
 
-    Attributes as in `AffineRasterizer`, without an official radius. `reached` (F,) is computed by `reach`.
+    `AffineRasterizer` explains the attributes. The attribute `radius` is 0. Pass the result of the function
+    `reach` as `reached` (F,).
     """
 
     def __init__(self, vertices: Reals, view: SplattingCamera, back_culling: bool, reached: Reals) -> None:
@@ -297,7 +301,7 @@ class EngineRasterizer:
 
     def eccentricity(self, faces: Integers, x: Reals, y: Reals) -> Reals:
         """Return the eccentricity of samples in faces; NaN for samples without a fragment."""
-        # At the centroid, rounding may give a negative value.
+        # At the centroid, rounding may give a negative eccentricity.
         return np.asarray(self.reached[faces] * np.maximum(1 - self.shapes.phi(faces, x, y), 0))
 
     def depth_at(self, faces: Integers, x: Reals, y: Reals) -> Reals:
@@ -308,8 +312,8 @@ class EngineRasterizer:
 def reach(opacity: Reals, gamma: float) -> Reals:
     """Return the eccentricity beyond which alpha is less than 1/255, but at most 10.
 
-    With the eccentricity ecc, alpha is o exp(-ecc^(2 gamma) / 2). The result is slightly increased to allow
-    for rounding. It is 0 if alpha is below 1/255 even at the centroid.
+    At eccentricity ecc, alpha is o exp(-ecc^(2 gamma) / 2). The result is slightly increased to allow for
+    rounding. The result is 0 if alpha is below 1/255 even at the centroid.
     """
     squared = 2 * np.log(255 * np.maximum(opacity.astype(np.float64), 1e-300)) + 1e-5
     limit = np.maximum(squared, 0) ** (1 / (2 * gamma)) * 1.0001
@@ -324,8 +328,8 @@ def eccentricity(a1: Reals, a2: Reals, a3: Reals) -> Reals:
 def resize(raster: Reals, scale: int) -> Reals:
     """Return (s H, s W, ...) reduced to (H, W, ...) by bilinear interpolation at pixel centres.
 
-    The result is that of torch's interpolate(mode="bilinear", align_corners=False). If the scale is even, a
-    pixel is the mean of the middle 2 x 2 samples. If it is odd, a pixel is the sample in the middle.
+    The result equals torch's interpolate(mode="bilinear", align_corners=False). If the scale is even, a
+    pixel is the mean of the middle 2 x 2 samples. If the scale is odd, a pixel is the sample in the middle.
     """
     if scale == 1:
         return raster

@@ -1,5 +1,5 @@
-// 2DTS: a triangle soup with a Gaussian-like falloff of global sharpness gamma, and two rasterizers. Sources:
-// GaodeRender/triangle-splatting at 54c80f7: submodules/diff-triangle-rasterization-2D and -3D:
+// 2DTS: a triangle soup with a Gaussian-like falloff of global sharpness gamma, and two rasterizers.
+// Sources: GaodeRender/triangle-splatting at 54c80f7: submodules/diff-triangle-rasterization-2D and -3D:
 // src/forward.cu, src/auxiliary.h.
 
 #include "splat_common.cl"
@@ -13,20 +13,23 @@
 #define CORNERS_MAY_BE_BEHIND 0
 #define SMALL_IS_DROPPED 0
 
-// coverage: opacity; the eccentricity beyond which alpha is below 1/255, negative if alpha is always below.
+// The array coverage has the opacity and a limit of the eccentricity.
+// Alpha is below 1/255 beyond this limit.
+// The limit is negative if alpha is always below 1/255.
 
 #if ENGINE
 #define LINES 12
 #define SHAPE(REAL) REAL lines[LINES];
 #elif PLANAR
-// corner is corner 1 in camera space, distance is its product with the normal. The vector from it to a point
-// of the plane, times dual2 and dual3, gives barycentric coordinates 2 and 3.
+// corner is corner 1 in camera space, and distance is the product of corner and the normal.
+// The vector from this corner to a point of the plane gives two barycentric coordinates.
+// The product of this vector and dual2 is coordinate 2, and the product with dual3 is coordinate 3.
 #define SHAPE(REAL) REAL corner[3], dual2[3], dual3[3], distance;
 #else
-// Corners in samples, 1 / twice the area, camera depth of the corners.
+// Corners in samples, 1 / twice the area, and camera depth of the corners.
 #define SHAPE(REAL) REAL x[3], y[3], inverse, z[3];
 #endif
-// limit is the eccentricity of `coverage`.
+// The value limit is the eccentricity limit of `coverage`.
 #define FACE_MEMBERS(REAL, INT)                                                                              \
     {                                                                                                        \
         SHAPE(REAL)                                                                                          \
@@ -42,7 +45,8 @@ typedef struct FACE_MEMBERS(real, mask) Faces;
 #define ECCENTRICITY(f, s) ((s)->eccentricity)
 #endif
 
-// Division by |w| + eps instead of w, so a point behind the camera has a negative z and fails the near test.
+// The divisor is |w| + eps instead of w.
+// A point behind the camera then has a negative z and fails the near test.
 vec3 to_ndc(__constant View *view, vec3 p)
 {
     __constant float *m = view->full;
@@ -61,9 +65,9 @@ Box dilated_tiles(__constant View *view, vec2 a, vec2 b, vec2 c)
 }
 
 #if ENGINE
-// Either rasterizer in an engine. Hardware generates no fragments outside a triangle, but this method's
-// coverage extends beyond its edges. So the triangles are enlarged about their centroids until they contain
-// all of it.
+// Engine sampling is the same for both rasterizers.
+// Graphics hardware draws nothing outside a triangle, but the falloff of this method extends further.
+// Therefore each triangle is enlarged about its centroid until it contains the whole falloff.
 mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box *official, Box *box,
                    real *depth)
 {
@@ -77,7 +81,7 @@ mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box 
     return kept & (f->limit > 0.0f) & !(view->own.back_culling ? back : (mask)0);
 }
 #elif PLANAR
-// The "3D" rasterizer: every sample's ray meets the triangle's plane; no low-pass filter.
+// The "3D" rasterizer: every sample's ray is intersected with the triangle's plane; no low-pass filter.
 mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box *official, Box *box,
                    real *depth)
 {
@@ -112,13 +116,13 @@ mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box 
     f->normal[0] = normal.x;
     f->normal[1] = normal.y;
     f->normal[2] = normal.z;
-    // The box is not reduced below the tiles: if the plane is seen edge-on, its samples are scattered.
+    // The box is as large as the tiles, because covered samples are scattered if the plane is seen edge-on.
     *box = (Box){(mask)0, (mask)0, (mask)((int)view->width - 1), (mask)((int)view->height - 1)};
     return !dropped;
 }
 #else
-// The "2D" rasterizer: perspective is linearised at the centroid, corners are moved outwards by half a
-// sample.
+// The "2D" rasterizer: perspective is linearised at the centroid.
+// Corners are moved outwards by half a sample.
 mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box *official, Box *box,
                    real *depth)
 {
@@ -143,7 +147,7 @@ mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box 
     for (int k = 0; k < 3; k++) {
         vec2 flat = {(arms[k].x - arms[k].z * clamped_x / camera.z) / wide,
                      (arms[k].y - arms[k].z * clamped_y / camera.z) / tall};
-        real far = length2(flat), push = 0.5f / far; // half a sample outwards: a low-pass filter
+        real far = length2(flat), push = 0.5f / far; // moved outwards by half a sample: a low-pass filter
         dropped |= far < EPS;
         flat.x = flat.x * (half_width + push);
         flat.y = flat.y * (half_height + push);
@@ -154,7 +158,7 @@ mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box 
         f->z[k] = arms[k].z + camera.z;
     }
     real area = cross2(sub2(u[1], u[0]), sub2(u[2], u[0]));
-    // y points down, so a front face (counter-clockwise on the screen) has a negative area.
+    // The y axis points down, so a front face (counter-clockwise on the screen) has a negative area.
     dropped |= view->own.back_culling ? area >= -EPS : magnitude(area) < EPS;
     *official = dilated_tiles(view, dilated[0], dilated[1], dilated[2]);
     f->inverse = 1.0f / area;
@@ -162,8 +166,9 @@ mask project_shape(__constant View *view, vec3 a, vec3 b, vec3 c, Faces *f, Box 
     f->normal[1] = normal.y / area_3d;
     f->normal[2] = normal.z / area_3d;
 
-    // The points of eccentricity E form the triangle enlarged E times about its centroid. In slivers,
-    // rounding moves samples by up to `noise`, so samples outside any tight box can be covered.
+    // The points of eccentricity E form the triangle enlarged E times about its centroid.
+    // In thin triangles, rounding moves samples by up to `noise`.
+    // Therefore samples outside any tight box can be covered.
     vec2 low = {lesser(lesser(u[0].x, u[1].x), u[2].x), lesser(lesser(u[0].y, u[1].y), u[2].y)};
     vec2 high = {greater(greater(u[0].x, u[1].x), u[2].x), greater(greater(u[0].y, u[1].y), u[2].y)};
     real longest = greater(high.x - low.x, high.y - low.y), across = f->limit * longest + TILE;
@@ -192,7 +197,8 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     kept &= (official->x1 > official->x0) & (official->y1 > official->y0);
     f->x0 = box.x0;
     f->y0 = box.y0;
-    f->x1 = f->limit < 0.0f ? (mask)-1 : box.x1; // kept like in the official code, but visible nowhere
+    // the official code keeps such faces, but they are visible nowhere
+    f->x1 = f->limit < 0.0f ? (mask)-1 : box.x1;
     f->y1 = box.y1;
     return kept;
 }
@@ -231,9 +237,10 @@ Columns columns_of(FACE_POINTER f, real x, __constant View *view)
 
 #if LANES == 8
 #define ABS(x) ((x) < 0.0f ? -(x) : (x))
-// Return which pairs of rows y and y + 1 (one pair per lane) may contain a covered sample in the eight
-// columns from `left` on. In a covered sample all three barycentric coordinates are above (1 - limit) / 3.
-// Each coordinate is tested at the corner of this block of samples at which it is largest.
+// Return which row pairs y, y + 1 (one per lane) may contain a covered sample in the eight columns that begin
+// at `left`.
+// At a covered sample, all three barycentric coordinates are above (1 - limit) / 3.
+// Test each coordinate at the corner of the block where the coordinate is largest.
 mask reaches(FACE_POINTER f, float left, real y)
 {
 #if PLANAR
@@ -244,7 +251,7 @@ mask reaches(FACE_POINTER f, float left, real y)
     float tall = ABS(f->y[0] - y.s0) + ABS(f->y[1] - y.s0) + ABS(f->y[2] - y.s0) + 16.0f;
     float least = (1.0f - f->limit) * (1.0f / 3.0f) - 1e-4f - 1e-6f * wide * tall * ABS(f->inverse);
     for (int k = 0; k < 3; k++) {
-        int i = k == 2 ? 0 : k + 1, j = k == 0 ? 2 : k - 1; // the coordinate of corner k
+        int i = k == 2 ? 0 : k + 1, j = k == 0 ? 2 : k - 1; // the barycentric coordinate of corner k
         float along_x = (f->y[i] - f->y[j]) * f->inverse, along_y = (f->x[j] - f->x[i]) * f->inverse;
         float most = (along_x > 0.0f ? 7.0f * along_x : 0.0f) + (along_y > 0.0f ? along_y : 0.0f);
         real at = ((f->x[i] - left) * (f->y[j] - y) - (f->y[i] - y) * (f->x[j] - left)) * f->inverse;
@@ -289,7 +296,7 @@ mask cover(FACE_POINTER f, __constant View *view, mask within, Sample *s)
     else
         grown = exp2_fast(lesser(greater(view->own.power * log2_fast(greater(e, (real)1e-30f)), (real)-100.0f),
                                  (real)100.0f));
-    // exp(-g / 2) = exp2(-0.7213... g)
+    // exp(-g / 2) is computed as exp2(-0.7213... g)
     s->alpha = lesser((real)MAX_ALPHA, f->opacity * exp2_fast(greater(-0.72134752f * grown, (real)-100.0f)));
     return within & (s->alpha >= MIN_ALPHA);
 }

@@ -1,11 +1,12 @@
-// 2DTS: a triangle soup with a Gaussian-like falloff of global sharpness gamma, and two rasterizers. A
-// translation of two_dts.cl for graphics hardware; its comments explain more. Sources: GaodeRender/triangle-splatting
-// at 54c80f7: submodules/diff-triangle-rasterization-2D and -3D: src/forward.cu, src/auxiliary.h.
+// 2DTS: a triangle soup with a Gaussian-like falloff of global sharpness gamma, and two rasterizers.
+// This file translates two_dts.cl for graphics hardware; the comments there explain more.
+// Sources: GaodeRender/triangle-splatting at 54c80f7: submodules/diff-triangle-rasterization-2D and -3D:
+// src/forward.cu, src/auxiliary.h.
 
 const EPS = 1e-8;
 const DILATION = 3.0;
 const MAX_ALPHA = 0.99;
-const COVERAGE = 2u; // opacity; the eccentricity beyond which alpha is below 1/255, negative if alpha is always below
+const COVERAGE = 2u; // opacity, and the eccentricity at which alpha is 1/255 (negative if always below)
 
 #if ENGINE
 struct Face {
@@ -18,11 +19,11 @@ struct Face {
 }
 #else
 #if PLANAR
-// The vector from corner 1 in camera space to a point of the plane, times dual2 and dual3, gives barycentric
-// coordinates 2 and 3.
+// The vector from corner 1 in camera space to a point of the plane gives two barycentric coordinates.
+// The product of this vector and dual2 is coordinate 2, and the product with dual3 is coordinate 3.
 struct Face {
     quad: vec4<f32>,
-    corner: vec4<f32>, // then its product with the normal
+    corner: vec4<f32>, // then the product of corner 1 and the normal
     dual2: vec4<f32>,  // then opacity
     dual3: vec4<f32>,  // then the eccentricity of `coverage`
     normal: vec4<f32>,
@@ -56,8 +57,8 @@ fn color_face(number: u32, face: ptr<function, Face>) {
 #endif
 
 #if ENGINE
-// Hardware generates no fragments outside a triangle, but this method's coverage extends beyond its edges. So
-// the triangles are enlarged about their centroids until they contain all of it.
+// Graphics hardware draws nothing outside a triangle, but the falloff of this method extends beyond the edges.
+// Therefore each triangle is enlarged about its centroid until it contains the whole falloff.
 fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     let limit = coverage[COVERAGE * number + 1u];
     var corners = positions_of(corners_of(number));
@@ -76,7 +77,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
 }
 #else
 
-// Division by |w| + eps instead of w, so a point behind the camera has a negative z and fails the near test.
+// The divisor is |w| + eps instead of w, so a point behind the camera has a negative z and fails the near test.
 fn to_ndc(p: vec3<f32>) -> vec3<f32> {
     let inverse = div(1.0, add(abs(affine(view.full[3], p)), EPS));
     return vec3<f32>(mul(affine(view.full[0], p), inverse), mul(affine(view.full[1], p), inverse),
@@ -93,7 +94,7 @@ fn dilated_tiles(p: array<vec2<f32>, 3>) -> vec4<i32> {
 }
 
 #if PLANAR
-// The "3D" rasterizer: every sample's ray meets the triangle's plane; no low-pass filter.
+// The "3D" rasterizer: every sample's ray is intersected with the triangle's plane; no low-pass filter.
 fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, Face>) -> Projected {
     var result: Projected;
     let p = to_camera(corners[0]);
@@ -122,13 +123,12 @@ fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, F
     (*face).dual2 = vec4<f32>(scale3(cross3(sub3(r, p), normal), scale), 0.0);
     (*face).dual3 = vec4<f32>(scale3(cross3(normal, sub3(q, p)), scale), limit);
     (*face).normal = vec4<f32>(normal, 0.0);
-    // The box is not reduced below the tiles: if the plane is seen edge-on, its samples are scattered.
+    // The box is as large as the tiles, because covered samples are scattered if the plane is seen edge-on.
     result.samples = vec4<i32>(0, 0, i32(view.width) - 1, i32(view.height) - 1);
     return result;
 }
 #else
-// The "2D" rasterizer: perspective is linearised at the centroid, corners are moved outwards by half a
-// sample.
+// The "2D" rasterizer: perspective is linearised at the centroid, and corners are moved outwards by half a sample.
 fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, Face>) -> Projected {
     var result: Projected;
     let center = center_of(corners[0], corners[1], corners[2]);
@@ -161,7 +161,7 @@ fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, F
         if (far < EPS) {
             return result;
         }
-        let push = div(0.5, far); // half a sample outwards: a low-pass filter
+        let push = div(0.5, far); // moved outwards by half a sample: a low-pass filter
         flat_arm = vec2<f32>(mul(flat_arm.x, add(0.5 * f32(view.width), push)),
                              mul(flat_arm.y, add(0.5 * f32(view.height), push)));
         u[k] = add2(middle, flat_arm);
@@ -171,14 +171,14 @@ fn project_shape(corners: array<vec3<f32>, 3>, limit: f32, face: ptr<function, F
         (*face).z[k] = arm.z + camera.z;
     }
     let area = cross2(sub2(u[1], u[0]), sub2(u[2], u[0]));
-    // y points down, so a front face (counter-clockwise on the screen) has a negative area.
+    // The y axis points down, so a front face (counter-clockwise on the screen) has a negative area.
     result.kept = !select(abs(area) < EPS, area >= -EPS, view.back_culling == 1u);
     result.tiles = dilated_tiles(dilated);
     (*face).x.w = div(1.0, area);
     (*face).z.w = limit;
 
-    // The points of eccentricity E form the triangle enlarged E times about its centroid. In slivers,
-    // rounding moves samples by up to `noise`, so samples outside any tight box can be covered.
+    // The points of eccentricity E form the triangle enlarged E times about its centroid.
+    // In thin triangles, rounding moves samples by up to `noise`, so samples outside any tight box can be covered.
     let low = min(min(u[0], u[1]), u[2]);
     let high = max(max(u[0], u[1]), u[2]);
     let across = limit * max(high.x - low.x, high.y - low.y) + 16.0;
@@ -196,7 +196,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     var result = project_shape(positions_of(corners_of(number)), limit, face);
     result.kept = result.kept && result.tiles.z > result.tiles.x && result.tiles.w > result.tiles.y;
     if (limit < 0.0) {
-        result.samples.z = -1; // kept like in the official code, but visible nowhere
+        result.samples.z = -1; // the official code keeps such faces, but they are visible nowhere
     }
 #if PLANAR
     (*face).dual2.w = coverage[COVERAGE * number];
@@ -210,13 +210,13 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
 #include "exact.wgsl"
 #include "fragment.wgsl"
 
-// o exp(-e^(2 gamma) / 2); view.power is 2 gamma.
+// Alpha is o exp(-e^(2 gamma) / 2), where view.power is 2 gamma.
 fn falloff(opacity: f32, e: f32) -> f32 {
     var grown = e * e;
     if (view.power != 2.0) {
         grown = exp2(clamp(view.power * log2(max(e, 1e-30)), -100.0, 100.0));
     }
-    // exp(-g / 2) = exp2(-0.7213... g)
+    // exp(-g / 2) is computed as exp2(-0.7213... g)
     return min(MAX_ALPHA, opacity * exp2(max(-0.72134752 * grown, -100.0)));
 }
 
@@ -235,7 +235,7 @@ fn cover(face: Face, x: f32, y: f32) -> Seen {
     let h = f32(view.height);
     let ray = vec2<f32>(view.tan_fov.x * ((2.0 * (x - view.shift.x) - w + 1.0) / w),
                         view.tan_fov.y * ((2.0 * (y - view.shift.y) - h + 1.0) / h));
-    // If the plane is nearly edge-on, this sum cancels, and z has only the precision of its rounding.
+    // If the plane is nearly edge-on, the terms of this sum cancel, and z is only as precise as their rounding.
     let slope = keep(keep(ray.x * face.normal.x) + keep(ray.y * face.normal.y)) + face.normal.z;
     let z = face.corner.w / slope;
     let d = vec3<f32>(z * ray, z) - face.corner.xyz;

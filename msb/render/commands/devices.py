@@ -36,7 +36,7 @@ def devices(drawing: Annotated[RendererOptions, ("device",)], output: JsonOutput
     except MsbError as error:
         problem = error
     if not tried:
-        raise problem or DeviceError("DEVICE_NOT_FOUND", "the devices disappeared while they were listed")
+        raise problem or DeviceError("DEVICE_NOT_FOUND", "devices disappeared while they were listed")
     hints = [*notes(), *_explain_failures(tried), *_suggest_platforms(tried)]
     renderers = _list_renderers(choice)
     output.write_json(
@@ -88,7 +88,7 @@ def _list_renderers(choice: Choice | None) -> list[dict[str, Any]]:
     """Return every renderer: its name, its module, and why it cannot draw here (None if it can)."""
     from msb.render.backend import ON_OPENCL, renderers, why_unavailable
 
-    without = None if choice else "no OpenCL device builds kernels here"
+    without = None if choice else "no OpenCL device on this machine builds kernels"
     return [
         {
             "name": name,
@@ -113,8 +113,8 @@ def _list_details(device: Tried) -> Iterator[tuple[str, str]]:
     builds = "yes" if trial.builds else f"no: {trial.why}"
     if trial.mended:
         builds += (
-            f", with a workaround: its compiler does not know this processor and compiles for "
-            f"{trial.mended} instead (docs/opencl.md; {FIX_VARIABLE}=0 disables it)"
+            ", with a workaround: its compiler does not know this processor and compiles for "
+            f"{trial.mended} instead (docs/opencl.md; {FIX_VARIABLE}=0 disables this workaround)"
         )
     yield "builds kernels", builds
     for key, value in record.to_dict().items():
@@ -132,12 +132,12 @@ def _explain_failures(tried: list[Tried]) -> list[str]:
 
 
 def _suggest_platforms(tried: list[Tried]) -> list[str]:
-    """Return hints about platforms that could be added to this machine, one sentence each."""
+    """Return hints about platforms that can be added to this machine, one sentence each."""
     from msb.cl.loader import how_to_get_pocl
 
     hints = []
     if not any(record.selector.startswith("pocl:") for record, _, _ in tried):
         hints.append(f"PoCL, the reference platform of results, is not installed: {how_to_get_pocl()}.")
     if not any(record.kind == "gpu" for record, _, _ in tried):
-        hints.append("No GPU found. Install a driver for it that includes OpenCL (an .icd file).")
+        hints.append("No GPU found. Install a GPU driver that includes OpenCL (an .icd file).")
     return hints

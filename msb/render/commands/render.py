@@ -32,9 +32,7 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene
 
-_SCENE_CONFLICT = (
-    "cannot be used with --scene, which draws the scene's evaluation views at their evaluation size"
-)
+_SCENE_CONFLICT = "cannot be used with --scene, which sets the views and the image size"
 
 
 @dataclass(frozen=True)
@@ -52,7 +50,7 @@ class RenderOptions:
     scene: Annotated[
         Path | None,
         Option(
-            "Render the test views of a dataset's scene, with size and background as in msb run. "
+            "Render the test views of a dataset's scene, with the image size and background of msb run. "
             "--camera train or all selects other views.",
             metavar="DIR",
         ),
@@ -64,11 +62,11 @@ class RenderOptions:
             metavar="N[,DEGREES]",
         ),
     ] = None
-    up: Annotated[Up | None, Option("With --turntable: the axis that points up. Default: the asset's.")] = (
-        None
-    )
+    up: Annotated[
+        Up | None, Option("With --turntable: the axis that points up. Default: the up axis of the asset.")
+    ] = None
     flight: Annotated[
-        int | None, Option("Replace the cameras by N frames of a smooth path through them.", least=1)
+        int | None, Option("Replace the cameras by N frames of a smooth path through the cameras.", least=1)
     ] = None
     format: Annotated[Literal["png", "npy", "exr"], Option("With --out: format of the images.")] = "png"
     name: Annotated[
@@ -130,9 +128,9 @@ def render(
 ) -> None:
     """Render an asset: images, and depths and face ids if requested.
 
-    Each image is named after its camera. PNG stores floor(255 c + 0.5) of the clamped colours; npy and exr
-    store the floats as rendered, neither clamped nor rounded. The printed hash covers the floats of all
-    images; it is reproducible on the same device with the same versions.
+    Each image is named after its camera. PNG stores floor(255 c + 0.5) of the clamped colour c. The formats
+    npy and exr store the rendered floats unchanged. The printed hash covers the floats of all images. The
+    hash is reproducible on one device with fixed versions.
     """
     from msb.api.command_files import open_asset
     from msb.render import Renderer
@@ -165,7 +163,8 @@ def render(
         check_supported(asset, tier)
     documents = []
     for tier in options.tiers:
-        # With --tier both, --order and --sampling apply to dedicated, --supersample to standard.
+        # With --tier both, --order and --sampling apply to the dedicated tier, and --supersample to the
+        # standard tier.
         alone = len(options.tiers) == 1
         modes = drawing.modes if alone or tier == "dedicated" else {}
         more = minimal_options(tier, drawing.renderer, ids=options.ids) | modes
@@ -193,7 +192,7 @@ def render(
 
 
 def _make_cameras(asset: Asset, options: RenderOptions, views: ViewOptions, output: Output) -> list[Camera]:
-    """Return the cameras of --cameras, of a flight through them, or of a turntable."""
+    """Return the cameras of --cameras, of a camera flight, or of a turntable."""
     from msb.scenes import interpolate_cameras
     from msb.scenes.around import ELEVATION, make_turntable
     from msb.scenes.framing import find_framing
@@ -224,7 +223,7 @@ def _make_cameras(asset: Asset, options: RenderOptions, views: ViewOptions, outp
 
 
 def _note_training(asset: Asset, scene: Scene, path: Path, output: Output) -> None:
-    """Print how the training differed from the scene, but do not repeat warnings of the asset."""
+    """Print the differences between the training and the scene, except those in the warnings of the asset."""
     from msb.scenes.datasets import compare_training, stated_background
 
     reported = {warning.message for warning in asset.warnings}
@@ -235,7 +234,7 @@ def _note_training(asset: Asset, scene: Scene, path: Path, output: Output) -> No
 
 
 class _Images:
-    """Writes the requested files of each frame, and knows their names."""
+    """Writes the requested files of each frame, and determines their names."""
 
     def __init__(self, options: RenderOptions, output: Output) -> None:
         from msb.render.images import check_film, check_format
@@ -249,12 +248,13 @@ class _Images:
             check_film(options.film)
 
     def check(self, views: list[Camera]) -> None:
-        """Raise an error if files would overwrite each other or existing files. Call it before rendering."""
+        """Raise an error if files would overwrite each other or existing files. Call this check before
+        rendering."""
         names = [name for tier in self.options.tiers for name in self.names(views, tier)]
         if self.options.out is not None:
             if len(set(names)) < len(names):
                 lacks = "{camera} or {index}" if len(views) > 1 else "{tier}"
-                text = f'--name "{self.template}" gives two images the same name; add {lacks} to it'
+                text = f'--name "{self.template}" gives two images the same name; add {lacks} to --name'
                 raise UsageError("USAGE", text)
             for name in names:
                 for kind in self.kinds:
@@ -277,8 +277,7 @@ class _Images:
             {"camera": camera, "tier": tier, "index": f"{index:05d}"}
             for index, camera in enumerate(image_names(views))
         ]
-        # Parts at odd positions were names in braces; parts at even positions are the text between these
-        # names.
+        # `parts` alternates between literal text (even positions) and names from braces (odd positions).
         return ["".join(row[part] if i % 2 else part for i, part in enumerate(parts)) for row in values]
 
     def place(self, name: str, kind: str) -> Path:
@@ -312,14 +311,14 @@ class _Images:
         if not any(row["coverage"] for row in rows):
             text = "the cameras do not look at the asset, or use other coordinates; try --turntable 8"
             if self.options.turntable is not None:
-                text = "the asset draws no pixel; its faces are transparent or too small"
+                text = "the asset covers no pixel; its faces are transparent or too small"
             self.output.note(f"warning: all images are empty: {text}")
         if self.output.prints_text:
             self.print_summary(rows, renderer.tier)
         return rows
 
     def write(self, writers: Any, name: str, view: Camera, frame: Frame) -> dict[str, Any]:
-        """Submit the requested planes of a frame to the writers; return the frame's row of JSON data."""
+        """Submit the requested planes of a frame to the file writers; return the frame's row of JSON data."""
         from msb.render.images import write_image
 
         row: dict[str, Any] = {"camera": view.name, "width": view.width, "height": view.height}
@@ -340,7 +339,7 @@ class _Images:
         return row
 
     def print_summary(self, rows: list[dict[str, Any]], tier: str) -> None:
-        """Print the number of images and their hash, and with --verbose a line for each image."""
+        """Print the number of images and their hash; with --verbose, also print a line for each image."""
         where = [str(self.options.out)] if self.options.out is not None else []
         where += [str(self.options.film)] if self.options.film is not None else []
         plural = "" if len(rows) == 1 else "s"

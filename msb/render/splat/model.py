@@ -1,7 +1,7 @@
 """The model that the splatting pipeline draws, and helper functions that build one from an asset.
 
 The module `native` of a method has a function ``splat_model(asset, settings)`` that returns a `SplatModel`.
-The method's only kernel file is in the same folder; the head of `splat_stages.cl` describes its contents.
+The method's only kernel file is in the same folder. The head of `splat_stages.cl` describes its contents.
 """
 
 from collections.abc import Mapping
@@ -19,12 +19,12 @@ from msb.render.splat.view import Culling
 
 Settings = Mapping[str, Any]
 
-# Near plane of the engine sampling, in scene units: the near plane of the standard tier.
+# Near plane of the engine sampling in scene units, equal to the near plane of the standard tier.
 ENGINE_NEAR = 0.01
-# Natural logarithm below which a float32 power is 0 (the smallest float32 is exp(-103.3)). Computing
-# such powers is slow, and with the small sigmas of trained models most powers are that small.
+# If the natural logarithm of a power is below this value, the float32 power is 0. The smallest float32 is
+# exp(-103.3). These tiny powers are slow to compute, and small sigmas produce many of them.
 _LEAST = -105.0
-# Culling of the engine sampling: faces are clipped at the near plane and reach no farther than their corners.
+# Culling with engine sampling: faces are clipped at the near plane, and extend no farther than their corners.
 CLIPPED = Culling(nearest=ENGINE_NEAR, dilation=1.0, clipped=True)
 
 
@@ -46,8 +46,8 @@ class SplatModel:
     scale : int
         The number of samples per pixel along each axis.
     box_mean : bool
-        Whether a pixel is the mean of all its samples. Otherwise pixels are interpolated bilinearly from the
-        samples around their centres.
+        Whether a pixel is the mean of all its samples. If false, pixels are interpolated bilinearly from
+        the samples around their centres.
     method_values : mapping of str to numpy.float32, numpy.int32 or numpy.uint32
         Values of the method's settings for its kernels: the members of ``view->own`` by name.
     positions : (V, 3) float32
@@ -59,7 +59,7 @@ class SplatModel:
     outputs : tuple of str
         The optional fields of a frame that the method defines.
     raw : mapping
-        Name of an official buffer -> our plane with the same content.
+        For the name of an official buffer, our plane with equal content.
     """
 
     program: str
@@ -84,8 +84,8 @@ class SplatModel:
     def pixel_samples(self) -> tuple[int, int]:
         """The first and the last sample along each axis that are averaged into a pixel.
 
-        With `box_mean` these are all samples of the pixel. Without `box_mean` these are the one or two
-        samples in the pixel's middle, which gives bilinear interpolation at its centre.
+        With `box_mean`, all samples of the pixel are averaged. Without `box_mean`, a pixel is the mean of the
+        one or two middle samples. This is bilinear interpolation at its centre.
         """
         return (0, self.scale - 1) if self.box_mean else ((self.scale - 1) // 2, self.scale // 2)
 
@@ -94,12 +94,12 @@ def rim(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float32) -
     """Return the phi below which alpha is less than 1/255, or 2 if alpha is less than 1/255 in the whole
     face.
 
-    A face with opacity o has alpha = o phi^sigma, where phi is 0 on its edges and 1 at its incentre. Samples
-    with a smaller phi are skipped, so the result is slightly reduced to allow for rounding.
+    A face with opacity o has alpha = o phi^sigma, where phi is 0 on its edges and 1 at its incentre.
+    The result is slightly reduced to allow for rounding, because samples with a smaller phi are skipped.
     """
     share = 1 / (255.0 * np.maximum(opacity, 1e-30).astype(np.float64))
     limit = np.where(share < 1.0001, np.float32(0), np.float32(2))
-    # sigma may be 0 in float32; phi^0 is 1 in the whole face.
+    # If sigma is 0, phi^0 is 1 in the whole face.
     with np.errstate(divide="ignore"):
         power = np.broadcast_to(1 / np.asarray(sigma, np.float64), share.shape)
         near = (share >= np.exp(_LEAST / power)) & (share < 1.0001)
@@ -108,7 +108,8 @@ def rim(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float32) -
 
 
 def contour(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:
-    """Return the phi that solves o phi^sigma = 0.01. Each step is rounded as in the official fast power."""
+    """Return the phi that solves o phi^sigma = 0.01. Each step rounds like the official fast power
+    function."""
     with np.errstate(divide="ignore", over="ignore"):
         power = (1 / sigma) * np.log2(np.float32(0.01) / opacity, dtype=np.float64).astype(np.float32)
         return np.asarray(np.exp2(power, dtype=np.float64), np.float32)

@@ -1,8 +1,8 @@
-"""A model on the device: its faces, in an order that makes rendering fast, and their bounding spheres.
+"""The faces of a model on the device, in an order that makes rendering fast, and their bounding spheres.
 
 Checkpoints store faces in the order of training, so the faces in view are scattered over the whole memory.
-This module sorts them along a space-filling curve; in triangle soups, faces of similar size also become
-neighbours. Results do not change: faces keep their numbers, and faces of equal depth are blended in the order
+This module sorts faces along a space-filling curve. In triangle soups, faces of similar size also become
+neighbours. Results do not change. Faces keep their numbers, and faces of equal depth are blended in the order
 of the asset.
 """
 
@@ -20,17 +20,18 @@ from msb.render.backend import Group
 from msb.render.device_scope import DeviceScope
 from msb.render.splat.bins import LANES, WORK_GROUP
 
-# Faces that share a bounding sphere in the CPU style.
+# Number of faces that share a bounding sphere in CPU style.
 FACE_GROUP = 64
-# Bits of a sort key per axis. Three axes take 54 of 64 bits, which leaves room for the exponent of the size.
+# Bits of a sort key for each axis. Three axes take 54 of 64 bits. The other bits are for the exponent of the
+# face size.
 _AXIS_BITS = 18
-# Bits of a sort key for the size of a face: the exponent of its inradius.
+# Bits of a sort key for the face size, which is the exponent of the inradius.
 _SIZE_BITS = 8
-# Rows that are permuted at a time; this number fits into the processor's cache.
+# Number of rows that are permuted at a time; this number of rows fits into the processor's cache.
 _PIECE = 1 << 14
 # Placeholder for an array that the kernels of a method do not read.
 _NOTHING = np.zeros(1, np.float32)
-# A model is sorted if it takes at most this share of the device's memory, because sorting needs a copy.
+# A model is sorted only if it takes at most this share of the device's memory, because sorting needs a copy.
 _MODEL_SHARE = 1 / 4
 
 # The arrays of the model that kernels read, by name; "positions" and "indices" always exist.
@@ -41,9 +42,9 @@ _few: ContextVar[bool] = ContextVar("_few", default=False)
 
 @contextmanager
 def few_frames() -> Iterator[None]:
-    """Do not sort models within this block.
+    """Do not sort models within this ``with`` block.
 
-    Use this block for few frames, when sorting would take longer than it saves.
+    Use this block to draw few frames, when sorting would take longer than it saves.
     """
     token = _few.set(True)
     try:
@@ -53,11 +54,11 @@ def few_frames() -> Iterator[None]:
 
 
 def keep_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays) -> None:
-    """Keep a model of `count` faces on the device, in stored order.
+    """Keep a model of `count` faces on the device in stored order.
 
-    The scope receives every array under its name, and also "numbers" (uint32, the face number of each row),
-    "bounds" and, in the CPU style, "groups" (splat_bounds.cl describes both). `program` is the method's
-    program.
+    The scope receives every array under its name. The scope also receives "numbers", the face number of each
+    row as uint32. The scope further receives "bounds" and, in CPU style, "groups", which splat_bounds.cl
+    describes. `program` is the method's program.
     """
     kept, device = scope.kept, scope.device
     for name, array in arrays.items():
@@ -76,9 +77,9 @@ def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays
     """Sort the `count` faces of a model that the scope keeps; return whether they were sorted.
 
     In a triangle soup all per-face arrays are permuted together. In an indexed mesh the index rows are
-    permuted, and the vertex arrays are sorted along the same curve. The kept model becomes a copy in memory,
-    even if its arrays were a mapped file. If the memory is too small for the copy, or within `few_frames`,
-    the model is left unchanged and the result is False.
+    permuted, and the vertex arrays are sorted along the same curve. The kept model becomes a copy in
+    memory, even if its arrays were mapped files. The function returns False, and changes nothing, within
+    `few_frames` or if memory is too small for a copy.
     """
     if _few.get():
         return False
@@ -88,7 +89,7 @@ def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays
         return False
     indices = given.pop("indices", None)
     try:
-        # The new order of the faces, and in indexed meshes of the vertices.
+        # Compute the new order of the faces, and in indexed meshes the new order of the vertices.
         positions = given["positions"]
         faces = rows = _curve_order(device, kept["bounds"], count, by_size=indices is None)
         if indices is not None:
@@ -120,7 +121,7 @@ def _round_to_lanes(device: Device, count: int) -> int:
 
 
 def _compute_bounds(scope: DeviceScope, program: Program, count: int) -> None:
-    """Compute the bounding spheres of faces and groups, which cull most faces outside the view."""
+    """Compute the bounding spheres of faces and groups of faces, which cull most faces outside the view."""
     kept, style = scope.kept, scope.device.style
     bounds = kept["bounds"]
     faces, stride = np.uint32(count), np.uint32(bounds.shape[1])
@@ -135,7 +136,7 @@ def _compute_bounds(scope: DeviceScope, program: Program, count: int) -> None:
 def _curve_order(device: Device, points: Buffer, count: int, *, by_size: bool) -> NDArray[np.uint32]:
     """Return the face or vertex number for each row of the new order.
 
-    The first three rows of `points` (4, n) are x, y and z. With `by_size` the faces are sorted by size first.
+    The first three rows of `points` (4, n) are x, y and z. With `by_size` the faces are first sorted by size.
     """
     with points.mapped() as rows:
         low, high = rows[:3, :count].min(axis=1), rows[:3, :count].max(axis=1)
@@ -151,7 +152,7 @@ def _curve_order(device: Device, points: Buffer, count: int, *, by_size: bool) -
 
 
 def _vertex_order(device: Device, positions: NDArray[np.generic]) -> NDArray[np.uint32]:
-    """Return the numbers of the vertices along the curve."""
+    """Return the numbers of the vertices in the order of the curve."""
     count = len(positions)
     points = device.scratch("splat order points", (4, count), np.float32)
     points.write(np.ascontiguousarray(positions.T))

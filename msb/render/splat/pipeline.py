@@ -29,13 +29,14 @@ from msb.render.splat.order import FACE_GROUP, Arrays, keep_model, order_model
 from msb.render.splat.view import TILE, make_view, method_members
 from msb.scenes import Camera
 
-# Faces that a work-item projects. On a CPU, more faces amortise the buffers of a work-item, but there must be
-# many more work-items than threads.
+# Number of faces that a work-item projects. On a CPU, more faces amortise the buffers of a work-item, but
+# work-items must outnumber threads by far.
 _CHUNK = {"cpu": 4096, "gpu": 1}
-# Memory of a band of the raster in bytes: per compute unit of a CPU (the size of its cache), or in total on a
-# GPU. Planes of samples exist for one band at a time, because 4 x 4 samples of an 8K frame take 10 GB.
+# Memory for a band of raster rows in bytes. For a CPU, the number is the size of a compute unit's cache. For
+# a GPU, the number is the total memory. Only one band of samples exists at a time, because 4 x 4 samples of
+# an 8K frame take 10 GB.
 _BAND_BYTES = {"cpu": 2 << 20, "gpu": 256 << 20}
-# Largest number of band records that stay on the device from frame to frame.
+# Maximum number of band records that stay on the device from frame to frame.
 _MOST_RECORDS = 1024
 # Values of `tile_rule`; splat_common.cl explains them.
 _TILE_RULES = {"TILES_REACHED": 0, "TILES_BOTH": 1, "TILES_OFFICIAL": 2}
@@ -53,7 +54,7 @@ _SPREAD_PLANES = ("red", "green", "blue", "share")
 
 
 class _Listed(NamedTuple):
-    """A camera's `View` record, the projected faces, and their lists for columns x rows of tiles."""
+    """The `View` record of a camera, the projected faces, and the lists of faces of all tiles."""
 
     view: Buffer
     projected: Projected
@@ -73,23 +74,23 @@ class _Band(NamedTuple):
 
 
 class SplattingPipeline(OnDevice):
-    """Renders an asset of a splatting method like its official renderer.
+    """Renders an asset of a splatting method like the official renderer of the method.
 
     Parameters
     ----------
     outputs : "auto", "all" or iterable of str
         The optional parts of a frame: "normal", "depth_median", "face_id" (None if the method does not define
-        them) and "raw". Fewer parts are faster. "auto" requests all of them, but raw buffers only with one
-        sample per pixel, because 4 x 4 samples take 16 times the memory.
+        them) and "raw". Requesting fewer parts is faster. "auto" requests all parts, but raw buffers only
+        with one sample per pixel, because 4 x 4 samples take 16 times the memory.
     order : {"tile", "global", "none"}
-        "tile" is the official order. "global" sorts by depth, and shows a primitive wherever it reaches, not
-        only in its official tiles. "none" draws in the order of the asset, like an engine without sorting.
+        "tile" is the official order. "global" sorts by depth, and draws a primitive wherever it extends,
+        not only in its official tiles. "none" draws in the stored order, like an engine without sorting.
     sampling : {"official", "engine"}
         "engine" generates fragments like graphics hardware; see docs/dedicated.md.
     early_stop, exact_tiles : bool
-        Whether blending stops when a pixel cannot change any more, and whether a face is listed only in those
-        of its official tiles that it reaches. Neither changes any pixel. The benchmark measures the time that
-        they save.
+        Optimisations. `early_stop` ends the blending of a pixel that cannot change any more. `exact_tiles`
+        lists a face only in the official tiles that it reaches. Both options leave every pixel unchanged. The
+        benchmark measures the time that these options save.
     """
 
     name = "msb-dedicated"
@@ -131,7 +132,7 @@ class SplattingPipeline(OnDevice):
         axes = model.positions.T  # reducing along the first axis takes NumPy 20 times as long
         self._extent = np.array([max(axis.max(), -axis.min()) for axis in axes], np.float32)
 
-        soup = not model.vertex_colors  # positions then have one row of three corners per face
+        soup = not model.vertex_colors  # a soup has one row of three corners per face
         self._frames = 0
         self._band_records: dict[tuple[int, ...], Buffer] = {}
         self._scope = DeviceScope(device, "splat")
@@ -148,8 +149,8 @@ class SplattingPipeline(OnDevice):
                 "FACE_WORDS": self.record_words,
                 "COVERAGE": model.coverage.shape[1],
             }
-            # The stages before blending do not depend on the blended quantities, so their program is compiled
-            # once.
+            # The stages before blending do not depend on the blended quantities, so their program is
+            # compiled once.
             self._program = self._build_program()
             self._early_stop = early_stop
             self._blend_program = self._build_program(EXTRAS=bool(self._outputs), EARLY_STOP=early_stop)
@@ -165,13 +166,13 @@ class SplattingPipeline(OnDevice):
             self._sort = DepthSort(self._device, self._program, order)
 
     def _build_program(self, **blending: Define) -> Program:
-        """Return the method's program; `blending` replaces the definitions that suit most frames."""
+        """Return the method's program. `blending` replaces some definitions of an ordinary frame."""
         chosen = {**self._defines, "EXTRAS": True, "EARLY_STOP": True, **blending}
         return self._device.program(self._model.program, chosen, self._model.package)
 
     @in_turn
     def render(self, camera: Camera, background: tuple[float, float, float]) -> Frame:
-        """Draw the asset from `camera` over `background` (RGB, in the asset's colour space)."""
+        """Draw the asset from `camera` over `background` (RGB in the asset's colour space)."""
         self._order_faces()
         with self._device.timing() as timing:
             self._run(camera, background)
@@ -181,7 +182,8 @@ class SplattingPipeline(OnDevice):
 
     @in_turn
     def draw(self, camera: Camera, background: tuple[float, float, float]) -> DrawTime:
-        """Draw like `render` and wait. Only the two counts of the tile lists are read back."""
+        """Draw like `render` and wait until the frame is complete. Only the two counts of the tile lists
+        are read back."""
         self._order_faces()
         with self._device.timing() as timing:
             self._run(camera, background)
@@ -190,7 +192,7 @@ class SplattingPipeline(OnDevice):
     def _order_faces(self, at_frame: int = SETTLED_AT) -> None:
         """Sort the faces on the device before frame number `at_frame`.
 
-        Sorting takes the time that about a hundred frames save. A caller that renders three frames will
+        Sorting takes as long as it saves in about a hundred frames. A caller that renders three frames will
         probably render many.
         """
         self._frames += 1
@@ -234,10 +236,9 @@ class SplattingPipeline(OnDevice):
         Returns
         -------
         (F, 4) float64, or (F, 1) without a picture
-            Red, green and blue of the picture, weighted by alpha times transmittance of the face in each
-            pixel and summed over all pixels; then the sum of these weights, the only column without a
-            picture. A pixel with several samples has the mean of their weights, so the weights of all faces
-            add up to the alpha of the frame.
+            The last column is the sum of the face's weights (alpha times transmittance) over all pixels. The
+            first three columns are the weighted sums of the picture's red, green and blue. The weight in a
+            pixel is the mean over its samples. The weights of all faces add up to the alpha of the frame.
         """
         device, seen = self._device, self._list(camera)
         share = self._build_program(EXTRAS=False, EARLY_STOP=self._early_stop, SHARES=True).share
@@ -249,8 +250,8 @@ class SplattingPipeline(OnDevice):
         pairs = seen.lists.pairs
         sums = self._scratch("share sums", (max(pairs, 1), 4))
         sums.fill(0)
-        # In each band, copy the picture's pixels to their samples, then add up each list entry's weighted
-        # colours.
+        # For each band, copy the picture's pixels to the samples. Add up the weighted colours of each list
+        # entry.
         for band in self._bands(camera, seen, len(_SPREAD_PLANES)):
             _, height, width = band.samples.shape
             record = self._band_record(band, camera.width)
@@ -260,15 +261,15 @@ class SplattingPipeline(OnDevice):
         numbers = self._scratch("share numbers", max(pairs, 1), np.uint32)
         arguments = seen.lists.list, seen.projected.faces, numbers, np.uint32(pairs)
         self._program.numbers_of(pairs, WORK_GROUP, *arguments)
-        # Entries are added in list order and in double precision. Entries without weight (hidden faces) are
-        # skipped.
+        # The entries of a list are added in list order and in double precision. List entries without weight
+        # (hidden faces) are skipped.
         with numbers.mapped() as named, sums.mapped() as summed:
             adding = np.flatnonzero(summed[:pairs, 3])
             faces, columns = named[adding].astype(np.intp), summed[adding, 3 if picture is None else 0 :].T
         return np.stack([np.bincount(faces, column, minlength=self._count) for column in columns], axis=1)
 
     def _list(self, camera: Camera) -> _Listed:
-        """Project the faces and list them by tile; waits for the two counts of the lists."""
+        """Project the faces and list them by tile. The call waits for the two counts of the lists."""
         model, device = self._model, self._device
         record = make_view(
             camera,
@@ -289,7 +290,8 @@ class SplattingPipeline(OnDevice):
         return _Listed(view, projected, lists, columns, rows)
 
     def _project(self, view: Buffer) -> Projected:
-        """Queue the projection of all faces. If colours are per vertex, queue their evaluation first."""
+        """Queue the projection of all faces. If colours are per vertex, queue the evaluation of these
+        colours first."""
         count, static, device = self._count, self._static, self._device
         chunk, chunks = self._chunk, -(-count // self._chunk)
         projected = Projected(
@@ -318,7 +320,8 @@ class SplattingPipeline(OnDevice):
         return projected
 
     def _bands(self, camera: Camera, seen: _Listed, planes: int, *, whole: bool = False) -> Iterator[_Band]:
-        """Yield bands of samples, all in the same memory; a single band if the `whole` raster is needed."""
+        """Yield bands of samples, which all use the same memory. If `whole` is true, yield one band with the
+        whole raster."""
         columns, rows, scale = seen.columns, seen.rows, self._model.scale
         # A band is a whole number of rows of tiles and of rows of pixels.
         step = math.lcm(TILE, scale) // TILE
@@ -336,7 +339,8 @@ class SplattingPipeline(OnDevice):
             yield _Band(part, first, here, first_row, last_row - first_row)
 
     def _blend(self, kernel: Kernel, seen: _Listed, band: _Band, *more: Buffer) -> None:
-        """Queue the kernel `blend` or `share` for a band. `share` also needs the buffer of its sums."""
+        """Queue the kernel `blend` or `share` for a band. The kernel `share` also gets the buffer of its
+        sums."""
         lists = seen.view, seen.lists.starts, seen.lists.list, seen.projected.faces
         first, here = band.first_tile_row, band.tile_rows
         arguments = *lists, band.samples, np.uint32(first), np.uint32(here), *more
@@ -349,7 +353,7 @@ class SplattingPipeline(OnDevice):
         """Return the `Band` record of splat_resolve.cl for a band with rows of `width` pixels."""
         model, (_, plane_rows, stride) = self._model, band.samples.shape
         values = width, band.rows, model.scale, *model.pixel_samples, stride, plane_rows, band.first_row
-        if values not in self._band_records:  # an upload waits for all queued commands
+        if values not in self._band_records:  # reuse records, because an upload waits for all queued commands
             if len(self._band_records) >= _MOST_RECORDS:
                 self._band_records.clear()
             self._band_records[values] = self._device.upload(np.array(values, np.uint32), "splat bands")

@@ -13,7 +13,7 @@ from msb.scenes.poses import rigid_inverse
 
 TILE = 16
 
-# Members of `Limits` in splat_common.cl, the bounds for culling.
+# Members of the struct `Limits` in splat_common.cl, the bounds for culling.
 LIMITS = np.dtype(
     [
         ("nearest", np.float32),
@@ -25,8 +25,8 @@ LIMITS = np.dtype(
     ]
 )
 
-# Members of `View` for every method. Each member takes a multiple of four bytes, so the compiler adds no
-# padding.
+# Members of the struct `View` for every method. Each member takes a multiple of four bytes, so the compiler
+# adds no padding.
 VIEW = np.dtype(
     [
         ("world_to_camera", np.float32, 12),
@@ -52,7 +52,7 @@ _C_TYPES: dict[np.dtype[Any], str] = {
 
 
 def method_members(method_values: Mapping[str, np.generic]) -> dict[str, str]:
-    """Return the kernel definition that adds a method's values to `View`, in their order."""
+    """Return the kernel definition that adds a method's values to the struct `View`, in their order."""
     members = "".join(f"{_C_TYPES[value.dtype]} {name}; " for name, value in method_values.items())
     return {"OWN_MEMBERS": members.rstrip()} if method_values else {}
 
@@ -61,14 +61,14 @@ def method_members(method_values: Mapping[str, np.generic]) -> dict[str, str]:
 class Culling:
     """The bounds outside which a method draws no face."""
 
-    # Smallest depth (camera z, scene units): faces at or below it are dropped.
+    # Minimum depth (camera z in scene units); faces at or below it are dropped.
     nearest: float
-    # Reach of a face from its centroid, as a multiple of the distances of its corners.
+    # Extent of a face from its centroid, as a multiple of the distances of its corners.
     dilation: float
-    # Number of samples that a face may reach beyond the distance that `dilation` gives.
+    # Number of samples by which a face may extend beyond the distance from `dilation`.
     margin: float = 2.0
-    # True: compare the largest depth of the face with `nearest`, because the face is clipped. False: compare
-    # the depth of its centroid.
+    # Whether faces are clipped at the near plane. The largest depth of a clipped face is compared with
+    # `nearest`. Without clipping, the depth of the centroid is compared.
     clipped: bool = False
 
 
@@ -85,15 +85,16 @@ def make_view(
     """Return the `View` record of a camera for a raster with `scale` samples per pixel and axis.
 
     `near` and `far` affect only the z row of the projection. `fields` are common members that do not depend
-    on the camera, `method_values` the members of the method. `extent` (3,) is the largest magnitude of a
+    on the camera. `method_values` are the members of the method. `extent` (3,) is the largest magnitude of a
     coordinate along each axis.
 
     The 3DGS family projects with tan(fov / 2) and the float32 product P W, whose terms are added from first
-    to last. The camera centre is computed from the float32 W in double precision and rounded, because the
-    last bits of the official float32 inverse depend on the linear algebra library. Official code ignores the
-    principal point. We add its distance from the middle of the image to the sample positions, which has no
-    effect at distance 0. Sources: GaodeRender/triangle-splatting: src/diff_recon/utils/camera.py;
-    trianglesplatting/triangle-splatting: utils/graphics_utils.py, scene/cameras.py.
+    to last. The camera centre is computed from the float32 W in double precision, and rounded. The last bits
+    of the official float32 inverse depend on the linear algebra library. The official code ignores the
+    principal point. This function adds the offset of the principal point from the image centre to the sample
+    positions. Adding a distance of 0 has no effect. Sources: GaodeRender/triangle-splatting:
+    src/diff_recon/utils/camera.py; trianglesplatting/triangle-splatting: utils/graphics_utils.py,
+    scene/cameras.py.
     """
     view = np.zeros(
         (), [*VIEW.descr, ("own", [(name, value.dtype) for name, value in method_values.items()])]
@@ -107,7 +108,7 @@ def make_view(
     projection[3, 2] = 1
     world_to_camera = camera.world_to_camera.astype(np.float32)
     full = projection[:, :1] * world_to_camera[:1]
-    for k in range(1, 4):  # not a matrix product, because BLAS fuses and reorders the sums
+    for k in range(1, 4):  # a matrix product with BLAS would fuse and reorder the sums
         full = full + projection[:, k : k + 1] * world_to_camera[k : k + 1]
     view["world_to_camera"] = world_to_camera[:3].ravel()
     view["full"] = full.ravel()
@@ -131,8 +132,8 @@ def _limits(view: NDArray[Any], culling: Culling, extent: NDArray[np.float32]) -
     tan, shift = view["tan_fov"].astype(np.float64), view["shift"].astype(np.float64)
     # Bound of the rounding error of a camera-space coordinate, in scene units.
     rounding = 16 * np.finfo(np.float32).eps * (np.abs(pose[:, :3]) @ extent + np.abs(pose[:, 3])).max()
-    # Slopes x / z and y / z of the raster's borders, with the margin. Sample x has the slope tan(fov / 2) (2
-    # (x - shift) + 1 - width) / width.
+    # Slopes x / z and y / z of the raster's borders, including the margin. The slope of sample x is tan(fov
+    # / 2) (2 (x - shift) + 1 - width) / width.
     ends = np.array([view["columns"], view["rows"]]) * TILE
     margin = culling.margin + 0.004 * size.max()
     low, high = -margin, ends + margin

@@ -19,12 +19,12 @@ from msb.render.standard.supersampling import box_filter, box_mean, check_supers
 from msb.render.standard.triangles import BLOCK, CLUSTER, GROUP, SUBPIXEL_BITS, make_triangles
 from msb.scenes import Camera
 
-# Steps per pixel of the grid that corners are snapped to.
+# Steps per pixel of the grid to which corners are snapped.
 _UNITS = 1 << SUBPIXEL_BITS
 # Widths and heights of tiles in pixels, largest first. zbuffer_cpu.cl stores coarse depths for at most 256 x
 # 128 pixels.
 _TILES = ((256, 128), (256, 64), (128, 64), (64, 32))
-# Least number of tiles per processor, to balance the load.
+# Minimum number of tiles per processor, to balance the load.
 _TILES_PER_PROCESSOR = 8
 # Columns and rows of padding around a tile, and the capacity of its list of clusters.
 _PAD, _PAD_ROWS, _LIST = 8, 4, 8192
@@ -33,8 +33,8 @@ _COARSE = 64
 _GROUP_SIZE = 64
 # Floats of a camera record in zbuffer_math.cl.
 VIEW_WORDS = 51
-# Work-groups draw the triangles that are too large for one work-item. The numbers are the least number of
-# work-groups, their number per compute unit, and the number of work-groups that share one huge triangle.
+# Work-groups draw the triangles that are too large for one work-item. The numbers are the minimum number of
+# work-groups, the work-groups per compute unit, and the work-groups that share a huge triangle.
 _GROUPS, _GROUPS_A_UNIT, _ROWS = 256, 32, 16
 
 
@@ -46,8 +46,8 @@ class StandardRenderer(OnDevice):
     share an edge, exactly one of them covers each sample. At equal depths the face with the lowest number is
     visible.
 
-    Of the asset's settings only `ste_threshold`, which hides faces, has an effect. With `supersample` from 2
-    to 16 the image is rendered that many times as wide and high, and averaged.
+    Among the asset's settings, only `ste_threshold`, which hides faces, has an effect. With `supersample`
+    from 2 to 16, each pixel is the mean of `supersample` x `supersample` samples.
     """
 
     name = "msb-standard"
@@ -89,11 +89,11 @@ class StandardRenderer(OnDevice):
     def render(
         self, camera: Camera, background: tuple[float, float, float], out: Frame | None = None
     ) -> Frame:
-        """Draw the asset from `camera` over `background` (RGB, in the asset's colour space).
+        """Draw the asset from `camera` over `background` (RGB in the asset's colour space).
 
-        With supersampling, image and alpha are means over the samples of a pixel; depth and face are taken
-        from its nearest sample. Without supersampling, `out` may be a frame of this size that is no longer
-        needed. The arrays of `out` are overwritten. Passing `out` saves time, because the first access to new
+        With supersampling, image and alpha are means over the samples of a pixel. Depth and face are those of
+        the nearest sample. Without supersampling, `out` may be a frame of this size that is no longer needed.
+        The function overwrites the arrays of `out`. Passing `out` saves time, because the first access to new
         memory takes longer than the copy.
         """
         reused = {} if out is None or self._supersample > 1 else vars(out)
@@ -113,7 +113,8 @@ class StandardRenderer(OnDevice):
         background: tuple[float, float, float] = (0.0, 0.0, 0.0),
         out: NDArray[np.float32] | None = None,
     ) -> NDArray[np.float32]:
-        """Return only the image (H, W, 3). Without supersampling it is written into `out`, if given."""
+        """Return only the image (H, W, 3) of the frame. Without supersampling, the image is written into
+        `out`, if given."""
         image = self._run(camera, background, everything=False)["image"]
         if self._supersample > 1:
             return box_mean(image.read(), self._supersample)
@@ -121,7 +122,7 @@ class StandardRenderer(OnDevice):
 
     @in_turn
     def draw(self, camera: Camera, background: tuple[float, float, float]) -> DrawTime:
-        """Draw and wait, without reading anything back."""
+        """Draw a frame and wait, without reading anything back."""
         with self._device.timing() as timing:
             self._run(camera, background, everything=True)
         return DrawTime(timing.milliseconds(), timing.span(), timing.since_queued())
@@ -136,8 +137,8 @@ class StandardRenderer(OnDevice):
     ) -> dict[str, Buffer]:
         """Queue all commands of a frame; return a buffer for each field of `Frame`.
 
-        `view` is the camera record if it is already on the device, which avoids a wait for queued commands.
-        Without `everything` only the image is computed.
+        Pass the camera record as `view` if it is already on the device, to avoid a wait for queued commands.
+        If `everything` is false, only the image is computed.
         """
         scale = self._supersample
         width, height = camera.width * scale, camera.height * scale
@@ -158,7 +159,7 @@ class StandardRenderer(OnDevice):
         return planes
 
     def _run_cpu(self, view: Buffer, width: np.int32, height: np.int32, output: tuple[Any, ...]) -> None:
-        """Queue culling, and drawing tile by tile."""
+        """Queue the culling, and the drawing tile by tile."""
         mesh, device = self._triangles, self._device
         groups = max(1, -(-mesh.clusters // GROUP))
         rects = self._scratch("rectangles", (4, mesh.stride), np.int32)
@@ -166,7 +167,7 @@ class StandardRenderer(OnDevice):
         group_rects = self._scratch("group rectangles", (groups, 4), np.int32)
         counter = self._scratch("next tile", 1, np.int32)
         count, stride = np.int32(mesh.clusters), np.int32(mesh.stride)
-        # Screen rectangles and least depths of the clusters, and rectangles of groups of clusters.
+        # Compute screen rectangles and minimum depths of the clusters, and rectangles of groups of clusters.
         culled = rects, nearest, group_rects
         with device.stage("cull"):
             if mesh.clusters:
@@ -175,8 +176,8 @@ class StandardRenderer(OnDevice):
                 )
             else:
                 counter.fill(0)
-        # Each processor takes the next tile until none is left; `scratch` holds its colours, depths and
-        # lists.
+        # Each processor takes tiles until all tiles are drawn. `scratch` holds the processor's colours,
+        # depths and lists.
         processors = device.record.compute_units
         tile_width, tile_height = _tile_size(int(width), int(height), processors)
         words = 2 * (tile_width + _PAD) * (tile_height + _PAD_ROWS) + _COARSE + 2 * _LIST
@@ -212,8 +213,8 @@ class StandardRenderer(OnDevice):
         counter = self._scratch("list lengths", 2, np.int32)
         with device.stage("clear"):
             program.clear(count, _GROUP_SIZE, pixels, counter, np.uint32(count))
-        # Small triangles are drawn by one work-item each; larger ones go to a list, and work-groups draw
-        # them. Without 64-bit atomics a second pass finds the face at the nearest depth.
+        # One work-item draws each small triangle. Larger triangles go to a list, which work-groups draw.
+        # Without 64-bit atomics a second pass finds the face at the nearest depth.
         group, groups = (_GROUP_SIZE, 1), _GROUPS_A_UNIT * device.record.compute_units
         corners = (mesh.colors, *mesh.textures) if mesh.textures else ()
         for number in range(1 if device.record.int64_atomics else 2):
@@ -251,12 +252,13 @@ def _tile_size(width: int, height: int, processors: int) -> tuple[int, int]:
 def view_record(camera: Camera) -> NDArray[np.float32]:
     """Return the camera record of zbuffer_math.cl, (VIEW_WORDS,) float32, computed in float64.
 
-    The centre of the camera is split into its nearest float32 and a remainder, so that a camera far from the
-    origin loses no precision. The kernels subtract the first part before they rotate a point. The remainder
-    is rotated here, and the kernels add it afterwards.
+    The camera's centre is split into its nearest float32 and a remainder. A camera far from the origin
+    therefore loses no precision. The kernels subtract the float32 part before they rotate a point. The
+    remainder is rotated here; the kernels add it afterwards.
     """
     rotation = camera.world_to_camera[:3, :3]
-    inverse = camera.camera_to_world[:3, :3]  # not the transpose: rotations are only orthonormal to 1e-4
+    # the transpose would be inexact, because rotations are orthonormal only to 1e-4
+    inverse = camera.camera_to_world[:3, :3]
     rounded = camera.center.astype(np.float32).astype(np.float64)
     rest = camera.center - rounded
     scale = np.array([camera.fx * _UNITS, camera.fy * _UNITS])
@@ -265,8 +267,8 @@ def view_record(camera: Camera) -> NDArray[np.float32]:
     ray = inverse.T / np.array([camera.fx, camera.fy, 1.0])[:, None]
     principal = np.array([camera.cx, camera.cy])
     with np.errstate(over="ignore"):
-        # The remainders of the float32 values, for the kernels' computations in double precision.
+        # Compute the rounding errors of the float32 values, which the kernels need in double precision.
         low, ray_low = (part - part.astype(np.float32) for part in (rows, ray))
     parts = (rows, rounded, -rows @ rest, principal * _UNITS + 0.5, scale, rest, ray, principal, low, ray_low)
-    with np.errstate(over="ignore"):  # infinite for a camera 1e39 units away, which sees nothing
+    with np.errstate(over="ignore"):  # values overflow for cameras 1e39 units away, which show nothing
         return np.concatenate([part.reshape(-1) for part in parts]).astype(np.float32)

@@ -15,7 +15,8 @@ MAX_SUPERSAMPLE = 16
 
 
 def check_supersample(value: int) -> int:
-    """Return `value`, the samples along each side of a pixel; raise SETTING_VALUE if it is invalid."""
+    """Return `value`, the number of samples along each side of a pixel; raise SETTING_VALUE if it is
+    invalid."""
     try:
         samples = 0 if isinstance(value, bool) else operator.index(value)
     except TypeError:
@@ -32,14 +33,15 @@ def enlarge(camera: Camera, scale: int) -> Camera:
 
 
 def box_filter(frame: Frame, scale: int) -> Frame:
-    """Return a frame whose pixels combine `scale` x `scale` pixels of `frame` each.
+    """Return a frame whose pixels each combine `scale` x `scale` pixels of `frame`.
 
-    Image and alpha are means. Depth and face are those of the nearest sample. If samples have equal depths,
-    the lowest face number wins.
+    Image and alpha are means. Depth and face are taken from the nearest sample. If samples have equal
+    depths, the lowest face number wins.
     """
     image, alpha = box_mean(frame.image, scale), box_mean(frame.alpha, scale)
-    # Bits of positive floats sort like the floats. As unsigned numbers, background samples (-1) come last.
-    # So the least 64-bit key of (depth, face) is the nearest sample with the lowest face.
+    # The bits of positive floats sort in the order of the floats. As an unsigned number, the face -1 of the
+    # background is the largest, so background samples come last. The smallest 64-bit key of (depth, face)
+    # belongs to the nearest sample with the lowest face.
     samples = np.where(frame.depth > 0, frame.depth, np.inf).astype(np.float32).view(np.uint32)
     if frame.face_id is not None:
         samples = samples.astype(np.uint64) << np.uint64(32) | frame.face_id.astype(np.uint32)
@@ -58,7 +60,7 @@ def box_mean(plane: NDArray[np.float32], scale: int) -> NDArray[np.float32]:
 
 
 def _boxes(plane: NDArray[Any], scale: int, combine: np.ufunc) -> NDArray[Any]:
-    """Return a plane whose pixels combine `scale` x `scale` pixels of `plane` (H s, W s, ...) each."""
+    """Return a plane whose pixels each combine `scale` x `scale` pixels of `plane` (H s, W s, ...)."""
     height, width, *rest = plane.shape
     rows = plane.reshape(height // scale, scale, -1)
     columns = _reduce(rows.swapaxes(0, 1), combine).reshape(height // scale, width // scale, scale, *rest)
@@ -66,7 +68,7 @@ def _boxes(plane: NDArray[Any], scale: int, combine: np.ufunc) -> NDArray[Any]:
 
 
 def _reduce(parts: NDArray[Any], combine: np.ufunc) -> NDArray[Any]:
-    """Combine all parts, one after the other. This loop is faster than `ufunc.reduce`."""
+    """Combine all parts one after another. A loop over the parts is faster than `ufunc.reduce`."""
     total: NDArray[Any] = parts[0].copy()
     for part in parts[1:]:
         combine(total, part, out=total)

@@ -19,18 +19,18 @@ _DEFINES = {
     "CLAMPED": _WRAPS["clamp"],
     "MIRRORED": _WRAPS["mirror"],
 }
-# Largest number of texels, because the kernels number them with an int.
+# Maximum number of texels; the kernels number texels with an int.
 _MOST = 2**31 - 1
-# sRGB byte -> linear light in 16 bits.
+# For each sRGB byte, the linear light in 16 bits.
 _LINEAR = np.rint(LINEAR * 65535).astype(np.uint16)
 
 
 @dataclass(frozen=True)
 class Texels:
-    """The buffers that zbuffer_texture.cl reads besides triangles and their vertex colours."""
+    """The buffers that zbuffer_texture.cl reads, besides triangles and their vertex colours."""
 
-    # Texture numbers (slots,) if there are several textures, texels (N, 4) uint16, and the table (R, 4)
-    # int32.
+    # The texels (N, 4) uint16 and the table (R, 4) int32. With several textures, the texture numbers (slots,)
+    # come first.
     buffers: tuple[Buffer, ...]
     defines: dict[str, int]
     tinted: bool
@@ -47,26 +47,26 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
     Raises
     ------
     DeviceError
-        DEVICE_MEMORY: they do not fit.
+        DEVICE_MEMORY: the textures do not fit.
     """
     sampler = textured.sampler
     sizes = [level_sizes(*image.shape[:2])[: None if sampler.mipmaps else 1] for image in textured.images]
-    # Every level has one more row and column than its image, for the wrapped neighbours.
+    # Every level has one more row and one more column than its image, for the texels beyond the wrapped edge.
     count = sum((height + 1) * (width + 1) for levels in sizes for height, width in levels)
     if count > _MOST:
-        text = f"the textures have {count:,} texels with their mip levels; a device accepts {_MOST:,}"
+        text = f"the textures have {count:,} texels with their mip levels; a device accepts at most {_MOST:,}"
         raise DeviceError("DEVICE_MEMORY", text)
-    # NumPy allocates huge pages. A device that shares the host's memory then uses these pages.
+    # np.zeros allocates huge pages, which the device uses if it shares the host's memory.
     texels = device.share(np.zeros((count, 4), np.uint16), "standard textures", "appearance")
     rows = np.zeros((_FIRST_ROW + _TEXTURE_ROWS * len(sizes), 4), np.int32)
     wraps = (_WRAPS[wrap] for wrap in (sampler.wrap_u, sampler.wrap_v))
-    # Rows 0 and 1: filter, mip maps and wrap modes; the alpha cutoff, and whether vertex colours and several
+    # Row 0: filter, mip maps and wrap modes. Row 1: the alpha cutoff, and whether vertex colours and several
     # textures exist.
     rows[0] = (sampler.filter == "nearest", sampler.mipmaps, *wraps)
     several = textured.face_texture is not None
     rows[1, :3] = np.float32((sampler.alpha_cutoff or 0) - ROUNDING).view(np.int32), tinted, several
     first = 0
-    # Then per texture: width, height, last level, and the first texel of each level.
+    # The following rows describe each texture: width, height, last level, and the first texel of each level.
     for number, image in enumerate(textured.images):
         levels = levels_read(image, sampler)
         numbers = rows[_FIRST_ROW + _TEXTURE_ROWS * number :].reshape(-1)
@@ -86,7 +86,7 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
 
 
 def _add_border(image: NDArray[np.uint8], sampler: Sampler) -> NDArray[np.uint8]:
-    """Return a mip level with one more column and row, which hold the next texels in the wrap mode."""
+    """Return a mip level with one more column and row, which contain the next texels in the wrap mode."""
     for axis, wrap in enumerate((sampler.wrap_v, sampler.wrap_u)):
         widths = [(0, 0)] * 3
         widths[axis] = (0, 1)

@@ -13,12 +13,12 @@ from msb.asset.texture import textures_of
 from msb.cl import Buffer, Device, sort_pairs
 from msb.render.standard.texels import Texels, put_texels
 
-# Bits of the grid that corners are snapped to: steps of 1/4096 pixel.
+# Bits of the grid to which corners are snapped: steps of 1/4096 pixel.
 SUBPIXEL_BITS = 12
-# Number of floats in a triangle's record.
+# Number of floats in the record of a triangle.
 WORDS = 16
-# Kinds of colours: RGBA8 per corner (in the record), RGB per face (in the record), RGB floats per corner (in
-# a separate buffer), textures.
+# Kinds of colours: RGBA8 per corner in the record, RGB per face in the record, RGB floats per corner in a
+# separate buffer, or textures.
 BYTES_OF_CORNERS, FLOATS_OF_FACE, FLOATS_OF_CORNERS, TEXTURES = range(4)
 # Definitions for every program that includes zbuffer_math.cl.
 RECORD_DEFINES = {
@@ -29,18 +29,18 @@ RECORD_DEFINES = {
     "FLOATS_OF_CORNERS": FLOATS_OF_CORNERS,
     "TEXTURES": TEXTURES,
 }
-# Triangles that a CPU draws at once (SIMD lanes).
+# Number of triangles that a CPU draws at once (SIMD lanes).
 BLOCK = 8
-# Triangles that are culled together by a bounding box.
+# Number of triangles in a cluster, which are culled together by a bounding box.
 CLUSTER = 2 * BLOCK
-# Clusters whose screen rectangles are culled together.
+# Number of clusters whose screen rectangles are culled together.
 GROUP = 64
 _GROUP_SIZE = 64
 # Name prefix of scratch buffers that are released before the first frame.
 _PREPARATION = "standard preparation"
-# Vertices that are sampled to find the grid for the drawing order.
+# Number of vertices that are sampled to find the grid for the drawing order.
 _SAMPLES = 1 << 14
-# Bits of a Morton code: 10 per axis.
+# Bits of a Morton code, 10 per axis.
 _MORTON_BITS = 30
 
 
@@ -48,31 +48,31 @@ _MORTON_BITS = 30
 class Triangles:
     """The buffers that stay on the device between frames."""
 
-    # (slots, 16) words: corners, colours, face. A slot is a place in drawing order. On a CPU neighbouring
-    # slots are near each other in space; on a GPU slots are in the order of faces.
+    # Triangle records (slots, 16) words: corners, colours, face. A slot is a position in drawing order. On a
+    # CPU, neighbouring slots are close in space. On a GPU, slots are in the order of faces.
     records: Buffer
-    # (slots, 9) float32 for float colours per corner; (slots, 12) for vertex colours that multiply textures;
-    # else one unused word.
+    # Float colours per corner are (slots, 9) float32. Vertex colours that multiply textures are (slots, 12).
+    # For other kinds of colours, this is one unused word.
     colors: Buffer
     # (6, stride) float32: centre and half extent of each cluster.
     boxes: Buffer
-    # The kind of colours; COLORS in the kernels.
+    # The kind of colours; the kernels call it COLORS.
     kind: int
     slots: int
     clusters: int
     stride: int
     texels: Texels | None
-    # Queues the computation of records, colours and boxes from the sources, while these exist.
+    # Call `fill` to compute records, colours and boxes again from the source arrays, which must exist.
     fill: Callable[[], None]
-    # Queues a copy of the records into a buffer of the same shape. Faces that are 0 in another buffer, (F,)
-    # uint8, become empty triangles.
+    # Queues a copy of the records into a buffer of the same shape. A second buffer, (F,) uint8, is 0 for
+    # faces that become empty triangles.
     copy_some: Callable[[Buffer, Buffer], None]
-    # Positions and colours as the asset stores them, if they may be changed; else empty.
+    # If triangles may move, the positions and colours as the asset stores them; otherwise empty.
     sources: dict[str, Buffer]
 
     @property
     def buffers(self) -> dict[str, Buffer]:
-        """All buffers by their purpose."""
+        """All buffers, by the purpose of their memory."""
         buffers = self.records, self.colors, self.boxes, *self.textures
         return {buffer.use: buffer for buffer in buffers}
 
@@ -92,9 +92,9 @@ def make_triangles(
 ) -> Triangles:
     """Upload the triangles of `asset` to `device` in drawing order.
 
-    If `moving` is true, the source arrays stay on the device. To move triangles, write to these arrays and
-    call `fill`. The drawing order follows the first positions. Moved triangles are drawn correctly in any
-    case, and fast as long as they stay near their first positions.
+    If `moving` is true, the source arrays stay on the device. To move triangles, write to the source arrays
+    and call `fill`. Triangles are sorted by their positions at the first call. Moved triangles are always
+    drawn correctly. Drawing stays fast while the triangles are near their first positions.
     """
     positions, indices = asset.buffers["positions"], asset.buffers["indices"]
     listed = select_faces(asset, settings.get("ste_threshold"))
@@ -122,7 +122,7 @@ def make_triangles(
     source = [_put(device, array) if moving else device.upload(array, "standard source") for array in arrays]
     vertices, faces, chosen, color, *more = source
     head = vertices, faces, chosen, np.int32(listed is None)
-    # On a CPU, sort the faces by the Morton codes of their positions, so that clusters are compact.
+    # On a CPU, sort the faces by the Morton codes of their positions, which makes clusters compact.
     order, ordered = chosen, device.style == "cpu" and count > 0
     if ordered:
         low, scale = _cells(asset)
@@ -180,9 +180,9 @@ def _classify_colors(colors: StaticColors) -> tuple[int, NDArray[Any], str]:
 def _cells(asset: Asset) -> tuple[NDArray[np.float32], np.float32]:
     """Return the origin and the cells per unit of the grid that orders triangles.
 
-    The grid spans the bounds, but at most 1.5 times the range from the 2nd to the 98th percentile of the
-    vertices. Captures have a few triangles far away, which would otherwise leave a single cell for all other
-    triangles.
+    The grid spans the bounds of the vertices, but at most 1.5 times the range from the 2nd to the 98th
+    percentile. Captured scenes have a few triangles far away. If the grid covered them, all other triangles
+    would share a single grid cell.
     """
     positions, bounds = asset.buffers["positions"], asset.manifest.bounds
     step = max(1, len(positions) // _SAMPLES)

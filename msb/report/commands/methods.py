@@ -9,7 +9,7 @@ from msb.cli.command import command
 from msb.cli.output import JsonOutput, echo
 from msb.report.table import Table
 
-# Rows of texts; the first one is the header.
+# Rows of texts. The first row is the header.
 TextRows = list[tuple[str, ...]]
 
 
@@ -22,7 +22,8 @@ def methods(
     """List the methods: features of their representations, the features that each tier keeps, and settings.
 
 
-    The mark -- means that the representation lacks the feature. N/A means that the tier does not support it.
+    The mark -- means that the representation lacks the feature. N/A means that the tier does not support the
+    feature.
     """
     output.write_json(as_data())
     if not output.prints_text:
@@ -34,7 +35,7 @@ def methods(
         if format == "markdown":
             echo("\n".join(_markdown(rows)))
         else:
-            # One word per line in the header, so that the table fits into 80 columns.
+            # Write one word per line in the header, so that the table fits into 80 columns.
             output.table([title.replace(" ", "\n") for title in rows[0]], rows[1:], gap=1)
 
 
@@ -92,7 +93,10 @@ def tables() -> Iterator[tuple[str, TextRows]]:
 
 
 def _table_rows(table: Table, group: str | None = None) -> TextRows:
-    """Return the texts of a table, or of its columns below the heading `group`; a star marks a note."""
+    """Return the texts of all columns of a table, or of the columns below the heading `group`.
+
+    A star marks a note.
+    """
     places = [n for n, column in enumerate(table.columns) if group is None or group in column.groups]
     rows: TextRows = [("method", *(table.columns[place].title for place in places))]
     for row in table.rows:

@@ -14,12 +14,12 @@ from msb.report.report import Report
 from msb.report.results import Place
 from msb.report.writers import ReportFormat, TableFormat
 
-# Reports are written to this folder within the results folder by default.
+# Default folder of reports, within the results folder.
 _FOLDER = "report"
-# Maximum number of faces of a mesh whose diagnostic is drawn by default. The diagnostic of a larger mesh
-# takes longer than the rest of the report.
+# Maximum number of faces of a mesh whose diagnostic image is drawn by default. The diagnostic image of a
+# larger mesh takes longer than the rest of the report.
 _MAX_DIAGNOSTIC_FACES = 300_000
-# Options that need folders of results.
+# Options that require folders of results.
 _RESULTS_OPTIONS = ("views", "published", "against", "allow_mixed")
 
 
@@ -29,7 +29,12 @@ class ReportOptions:
 
     out: Annotated[
         Path | None,
-        Option("Write to FOLDER. Default: RESULTS/report.", ("--out", "-o"), metavar="FOLDER", output="own"),
+        Option(
+            "Write the report to FOLDER. Default: RESULTS/report.",
+            ("--out", "-o"),
+            metavar="FOLDER",
+            output="own",
+        ),
     ] = None
     formats: Annotated[
         str | None,
@@ -39,7 +44,7 @@ class ReportOptions:
     ] = None
     table: Annotated[
         str | None,
-        Option("Print one table (as md, or in the given --format) and write nothing.", metavar="LABEL"),
+        Option("Print one table (as md, or in the given --format) without writing files.", metavar="LABEL"),
     ] = None
     paper: Annotated[
         bool | None,
@@ -54,7 +59,7 @@ class ReportOptions:
         Option("Also show this test view. Repeatable.", ("--view",), metavar="SCENE/IMAGE"),
     ] = ()
     published: Annotated[
-        Path | None, Option("Compare with published values per scene (JSON).", metavar="FILE")
+        Path | None, Option("Compare with published values per scene, read from a JSON file.", metavar="FILE")
     ] = None
     against: Annotated[
         str | None,
@@ -65,12 +70,12 @@ class ReportOptions:
     ] = None
     topology: Annotated[
         Literal["auto", "all", "none"],
-        Option("Draw diagnostics of small meshes (auto), of all meshes or of none (extra: view)."),
+        Option("Draw diagnostic images of small meshes (auto), of all meshes, or of none (extra: view)."),
     ] = "auto"
-    allow_mixed: Annotated[bool, Option("Accept results that must not be compared, with a note.")] = False
+    allow_mixed: Annotated[bool, Option("Accept results that must not be compared, and add a note.")] = False
 
     def written_formats(self) -> list[ReportFormat]:
-        """Return the formats to write; raises UsageError for unknown ones."""
+        """Return the formats to write; raises UsageError for an unknown format."""
         from msb.report.pages import FORMATS
 
         if self.formats is None:
@@ -85,7 +90,7 @@ class ReportOptions:
     def printed_format(self) -> TableFormat:
         """Return the format of printed tables, by default Markdown.
 
-        Raises UsageError if several formats are named, or html.
+        Raises UsageError if html or several formats are named.
         """
         formats: list[ReportFormat] = ["md"] if self.formats is None else self.written_formats()
         if len(formats) > 1 or formats[0] == "html":
@@ -114,12 +119,12 @@ def report(
     output: JsonOutput,
     typed: Typed,
 ) -> None:
-    """Make tables, charts, findings and pages from results, beside the paper's numbers.
+    """Write tables, charts, findings and pages on results, with the paper's numbers beside them.
 
     The command writes report.md, report.json, tables in every format, index.html, and a page per asset with a
-    verdict on its uses. The pages work offline. Nothing is computed again: missing values are printed as N/A
-    or --, with the reason. From submissions (.zip) the command makes a board: one page with the results of
-    all submitters. Submissions that fail verification are rejected.
+    verdict on its uses. All pages work offline. The command only reads results: missing values are printed as
+    N/A or --, with the reason. For submissions (.zip), the command writes a board: one page with the results
+    of all submitters. Submissions that fail verification are rejected.
     """
     from msb.base.files import check_folder
     from msb.base.own_folder import own_folder
@@ -132,13 +137,13 @@ def report(
     if options.paper:
         typed.reject(_RESULTS_OPTIONS, "needs results folders and cannot be combined with --paper")
     if options.table is not None:
-        typed.reject(["out"], "cannot be combined with --table, which prints a table and writes nothing")
+        typed.reject(["out"], "cannot be combined with --table, which prints a table without writing files")
     formats = options.written_formats()
-    # Submissions make a board, for which options of results do not apply.
+    # Options that select or compare results do not apply to a board of submissions.
     board = any(is_submission(path) for path in folders)
     if board:
         if others := [path for path in folders if not is_submission(path)]:
-            text = "it is not a submission (.zip of msb submit); report folders and submissions separately"
+            text = "this is not a submission (.zip of msb submit); report folders and submissions separately"
             raise UsageError("USAGE", text, file=others[0])
         typed.reject(_RESULTS_OPTIONS, "cannot be combined with submissions")
         has_output = options.out is not None or options.table is not None
@@ -153,7 +158,7 @@ def report(
         check_folder(folders[0], "folder of results")
     overwrite = _check_target(target, output)
     if not {"md", "tex", "html"}.isdisjoint(formats):
-        # Check the packages first, so that the error does not come after a long computation.
+        # Check the installed packages before the long computation.
         need_extra("bench", "jinja2", "matplotlib", what="a report", instead="--format csv,json needs none")
     # Build and write the report.
     built = _build(folders, options, output, pictures=True)
@@ -179,14 +184,14 @@ def report(
 
 
 def _print_tables(report: Report, label: str | None, form: TableFormat, output: Output) -> None:
-    """Print the table `label`, or all tables."""
+    """Print the table called `label`, or all tables."""
     from msb.report.build import EQUIVALENTS
     from msb.report.writers import WRITERS
 
     chosen = None if label is None else report.tables.get(label)
     if label is not None and chosen is None and EQUIVALENTS.get(label) in report.tables:
-        # The user named a table of the paper. Our table gets the paper's label, so that references in a text
-        # stay valid.
+        # The user passed a label of the paper. Print our table with the paper's label, so that references in
+        # a text remain valid.
         chosen = replace(report.tables[EQUIVALENTS[label]], label=label)
     if label is not None and chosen is None:
         text = f'the table "{shorten(label, 60)}" does not exist; choose from {", ".join(report.tables)}'
@@ -198,7 +203,7 @@ def _print_tables(report: Report, label: str | None, form: TableFormat, output: 
 
 
 def _build(folders: tuple[Path, ...], options: ReportOptions, output: Output, *, pictures: bool) -> Report:
-    """Return the report on results, the board of submissions, or (without `folders`) the paper's report."""
+    """Return a report on results, a board of submissions, or the paper's own report if `folders` is empty."""
     from msb.bench.submission import is_submission, read_submission
     from msb.report.board import build_board
     from msb.report.build import build_report, paper_report
@@ -229,9 +234,9 @@ def _build(folders: tuple[Path, ...], options: ReportOptions, output: Output, *,
 
 
 def _check_target(target: Path, output: Output) -> bool:
-    """Check the output folder; return whether files of an earlier report in it are replaced.
+    """Check the output folder. Return whether the folder contains files of an earlier report to replace.
 
-    Files of an earlier report are replaced even without --force, because a report is usually made many times.
+    Replace the files of an earlier report even without --force, because reports are usually repeated.
     """
     from msb.base.own_folder import listed_files
 
@@ -259,7 +264,7 @@ def _draw_diagnostics(report: Report, which: str, output: Output) -> dict[Place,
         from msb_viewers.gl import GlProbe
 
         GlProbe.start().check()
-    except (ImportError, UsageError) as error:  # the viewers are an optional part
+    except (ImportError, UsageError) as error:  # the viewers are an optional part of the package
         output.note(f"warning: mesh diagnostics cannot be drawn: {error}")
         return {}
     with output.counted("drawing mesh diagnostics", len(audited)) as step:
@@ -273,7 +278,7 @@ def _draw_diagnostics(report: Report, which: str, output: Output) -> dict[Place,
 
 
 def _draw_diagnostic(result: Result) -> bytes:
-    """Return the diagnostic image of an asset; raises InputError if its mesh is not the audited one."""
+    """Return the diagnostic image of an asset. Raises InputError if the mesh has changed since its audit."""
     import io
 
     from msb.topology import audit_arrays

@@ -8,7 +8,7 @@ from msb.cli.command import command
 from msb.cli.output import JsonOutput, echo, file_option
 from msb.errors import UsageError
 
-# Maximum length of a submitter's name, in characters: it must fit a column of the board.
+# Maximum length of a submitter's name, in characters, so that it fits into a column of the board.
 _MAX_NAME_LENGTH = 60
 
 
@@ -22,8 +22,8 @@ def submit(
 ) -> None:
     """Package results into a single file for publication.
 
-    The file holds the records with hashes, the commands and a few images. Only numbers, hashes, versions, and
-    names of scenes, methods and devices are published. Equal results give equal files. msb report makes a
+    The file contains the records with hashes, the commands and a few images. Only numbers, hashes, versions,
+    and names of scenes, methods and devices are published. Equal results give equal files. msb report makes a
     board from such files.
     """
     from hashlib import sha256

@@ -1,4 +1,4 @@
-"""The tables on the page of one asset, and the provenance of its numbers."""
+"""The tables on the page of one asset, and the origins of its numbers."""
 
 from collections.abc import Mapping
 
@@ -35,7 +35,7 @@ def asset_tables(place: Place, records: Mapping[str, Result], numbers: Numbers) 
     ----------
     place : Place
     records : mapping of str to Result
-        Condition -> record.
+        The record of each condition.
     numbers : Numbers
         The numbers of all results.
 
@@ -74,7 +74,7 @@ def asset_tables(place: Place, records: Mapping[str, Result], numbers: Numbers) 
 
 
 def _memory_table(memory: Mapping[str, Memory]) -> Table:
-    """Return the device memory by purpose; `memory` holds the bytes of each condition."""
+    """Return the device memory by purpose. `memory` contains the bytes of each condition."""
     by_driver = any(used.driver_bytes is not None for used in memory.values())
     rows = []
     for condition, used in memory.items():
@@ -94,7 +94,7 @@ def _memory_table(memory: Mapping[str, Memory]) -> Table:
 
 
 def _structure_table(place: Place, metrics: Mapping[str, float | None]) -> Table:
-    """Return the connectivity metrics of a mesh, with the paper's means for scenes of the same dataset."""
+    """Return the connectivity metrics of a mesh, with the paper's means over scenes of the same dataset."""
     columns = connectivity_columns()
 
     def cells(values: Mapping[str, float | None]) -> tuple[TableCell, ...]:
@@ -108,12 +108,12 @@ def _structure_table(place: Place, metrics: Mapping[str, float | None]) -> Table
             paper = paper_row("mesh_connectivity", dataset=place.dataset, method=method, scene="mean")
             name = f"{method_title(method)}, mean of {dataset_title(place.dataset)} in the paper"
             rows += [TableRow((name,), cells(paper), paper=True)] if paper else []
-    caption = "Connectivity of the mesh as stored."
+    caption = "Connectivity of the mesh as stored, without any repair."
     return Table("structure", caption, ("",), tuple(columns), tuple(rows), STRUCTURE_NOTES)
 
 
 def provenance(records: Mapping[str, Result]) -> list[tuple[str, str]]:
-    """Return the files, renderers, devices and settings of an asset's records as (name, value) pairs."""
+    """Return (name, value) pairs for the page of an asset: files, renderers, devices and settings."""
     facts: dict[str, dict[str, None]] = {}
 
     def add(name: str, value: str | None) -> None:
@@ -121,7 +121,7 @@ def provenance(records: Mapping[str, Result]) -> list[tuple[str, str]]:
             facts.setdefault(name, {})[value] = None
 
     for condition, record in records.items():
-        # Files, with size and hash.
+        # Add the files with size and hash.
         asset = "Asset" if record.bake is None else f"Asset, {condition_title(condition)}"
         for name, file in ((asset, record.asset), ("Checkpoint", record.checkpoint)):
             if file is not None:
@@ -140,7 +140,7 @@ def provenance(records: Mapping[str, Result]) -> list[tuple[str, str]]:
         add("Device", ", ".join(parts))
         if record.bake is not None:
             add(f"Bake of {condition_title(condition)}", record.bake.sentence)
-        # Photographs, cameras and test views.
+        # Add photographs, cameras and test views.
         if record.setup is not None:
             background = ", ".join(f"{value:g}" for value in record.setup.background)
             resized = ", resized here" if record.setup.gt_resized else ""

@@ -30,7 +30,7 @@ SPLIT_NOTES = (
     "The best bake has the highest PSNR with one sample per pixel",
     "colours: from the ceiling to Standard; faces: from the bake to the ceiling; blending: from Dedicated "
     "to the bake. The ceiling omits triangles that make the opaque rendering worse",
-    "the parts are over the same scenes and add up to the loss; a negative part is a gain",
+    "all parts are averaged over the same scenes and add up to the loss; a negative part is a gain",
 )
 _SPLIT_COLUMNS = (
     TableColumn("Loss"),
@@ -43,10 +43,10 @@ BAKES_NOTES = (
     "bakes use training views only and are rendered like Standard; PSNR is measured with one sample per "
     "pixel, and with 16 samples, which is close to multisampling",
     "tasks: number of trial tasks that work, possibly with limitations",
-    "verdict: verdict of the audit; if it differs between scenes, each verdict with its number of scenes",
+    "verdict: verdict of the audit. If scenes have different verdicts, the number of scenes per verdict",
 )
 _METRICS = ("psnr", "psnr_16", "faces", "asset_size", "memory", "p50_ms", "bake_seconds", "tasks")
-# Metrics in the record of the exported mesh. All other metrics are in the record of the mesh's renderings.
+# Metrics in the record of the exported mesh. All other metrics are in the record of the renderings.
 _OF_MESH = ("faces", "tasks")
 # Audit verdicts from the best to the worst.
 _LEVELS = ("ok", "limited", "bad")
@@ -82,7 +82,7 @@ def scene_split_table(numbers: Numbers, place: Place) -> Table:
 
 
 def _split_cells(numbers: Numbers, key: SplitKey) -> tuple[TableCell, ...]:
-    """Return the cells of a loss: the total, its parts, and the two bakes that separate the parts."""
+    """Return the cells of a loss: the total, its parts, and the names of both bakes."""
     split = numbers.splits[key]
     ends = [numbers.number(Key(*key[:3], name, key.metric)) for name in ("dedicated", "standard")]
     if split.total is None or split.total.signed is None:
@@ -105,10 +105,10 @@ def _bake_name_cell(condition: str) -> TableCell:
 
 
 def _step_cell(key: SplitKey, split: Split, name: StepName, ends: Sequence[Number]) -> TableCell:
-    """Return the cell of one part of a loss.
+    """Return the table cell of one part of a loss.
 
-    If the bake between two parts is missing, only their sum is known. The sum stands in one cell, and the
-    other cell is empty.
+    If the bake between two parts is missing, only the sum of both parts is known. One cell then contains the
+    sum, and the other cell is empty.
     """
     gap = split.steps.get(name)
     if gap is not None and gap.signed is not None:
@@ -117,7 +117,7 @@ def _step_cell(key: SplitKey, split: Split, name: StepName, ends: Sequence[Numbe
         return replace(cell, notes=(*cell.notes, *(f"includes the loss of {step}" for step in included)))
     if name in split.within:
         part, outer_part = (STEP_TITLES[step].lower() for step in (name, split.within[name]))
-        text = f"the loss of {part} is included in {outer_part}, because no bake lies between them"
+        text = f"the loss of {part} is included in {outer_part}, because no bake separates them"
         return TableCell(NOT_AVAILABLE, reason=text)
     outer_ends = {"colors": ends[1:], "blending": ends[:1]}.get(name, ())
     return absent_cell(outer_ends, "missing" if gap is None else gap.reason, key.metric)
@@ -147,8 +147,8 @@ def _make_bakes_table(label: str, caption: str, heads: tuple[str, ...], rows: li
 
 
 def _asset_rows(numbers: Numbers, place: tuple[str, str, str], *labels: str) -> list[TableRow]:
-    """Return a row for the exported mesh and a row per bake; `place` is dataset, scene and method."""
-    # The exported mesh is drawn as Standard; a bake is drawn and audited under its own condition.
+    """Return a row for the exported mesh, and a row per bake. `place` is dataset, scene and method."""
+    # The exported mesh is drawn as Standard. A bake is drawn and audited under its own condition.
     bakes = numbers.variants(place[0], BAKED)
     rows = []
     for condition in ("standard", *bakes):

@@ -1,4 +1,4 @@
-"""The two feature tables, built from `msb.registry`."""
+"""The two feature tables, built from the registry of methods."""
 
 from collections.abc import Iterable
 from dataclasses import fields
@@ -8,8 +8,8 @@ from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED, Table, TableCell, Tab
 
 # Titles of fields that differ from the capitalised field name.
 _TITLES = {"sh": "SH", "view_dependence": "View-dep."}
-# The fields of `Retained` that have a column, by tier. The opaque fallback of Standard keeps only the
-# appearance.
+# For each tier, the fields of `Retained` that are columns of the table. The standard tier is the opaque
+# fallback and keeps only the appearance.
 _FIELDS: dict[Tier, tuple[str, ...]] = {
     "standard": ("support", "appearance"),
     "dedicated": ("support", "view_dependence", "opacity", "soft_coverage", "depth_sort", "appearance"),
@@ -18,7 +18,7 @@ TIER_TITLES: dict[Tier, str] = {"standard": "Standard deployment", "dedicated": 
 
 
 def native_features(methods: Iterable[Method] | None = None) -> Table:
-    """Return the features of each method's representation; `methods` are all methods by default."""
+    """Return the features of the representations of `methods`. By default, all methods are included."""
     names = [field.name for field in fields(Native)]
     return Table(
         "method_attributes",
@@ -34,7 +34,10 @@ def native_features(methods: Iterable[Method] | None = None) -> Table:
 
 
 def deployment_features(methods: Iterable[Method] | None = None) -> Table:
-    """Return the features of each method that each tier keeps; `methods` are all methods by default."""
+    """Return the features of each method in `methods` that each tier keeps.
+
+    By default, all methods are included.
+    """
     rows = [
         TableRow(
             (method.title,),
@@ -50,7 +53,7 @@ def deployment_features(methods: Iterable[Method] | None = None) -> Table:
         ("Method",),
         tuple(TableColumn(_title(name), (TIER_TITLES[tier],)) for tier in _FIELDS for name in _FIELDS[tier]),
         tuple(rows),
-        (f"{NOT_AVAILABLE}: the representation lacks the feature", f"{NOT_SUPPORTED}: not supported"),
+        (f"{NOT_AVAILABLE}: the representation does not have the feature", f"{NOT_SUPPORTED}: not supported"),
     )
 
 

@@ -39,13 +39,13 @@ REASONS = {
 }
 PAPER_NOTE = (
     "in the paper, an engine's Dedicated loses 2.2 to 4.9 dB PSNR (DiffSoup 0.4 dB). This could not be "
-    "reproduced: our Dedicated draws the official image, and with an engine's order and sampling our models "
-    "lose at most 0.4 dB at their own size; only a port that does not sort loses as much (docs/trained.md)"
+    "reproduced. Our Dedicated draws the official image. With an engine's order and sampling, our models "
+    "lose at most 0.4 dB at their training size. Only a port without sorting loses as much (docs/trained.md)"
 )
 _NAMES: dict[GapName, str] = {"adapt": "Adapt", "port": "Port", "deploy": "Deploy"}
 NOTES = {
-    "adapt": "adapt: Non-Engine to Dedicated; port: Dedicated to Standard; deploy: Non-Engine to Standard; "
-    "each is computed from its own two conditions, and deploy is not the sum of the other two",
+    "adapt": "adapt: Non-Engine to Dedicated; port: Dedicated to Standard; deploy: Non-Engine to Standard. "
+    "Each gap is computed from its two conditions, and deploy is not the sum of adapt and port",
     "loss": "loss: the gap with its sign, positive for a loss of quality",
     "monotone": "monotone: whether Dedicated lies between Non-Engine and Standard",
     "excess": "excess: adapt + port - deploy, 0 if monotone",
@@ -66,10 +66,10 @@ _RATIOS = (("standard", "dedicated"), ("dedicated", "non_engine"))
 def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return the gaps of every method and metric on a dataset.
 
-    Further rows compare other conditions: an engine or a bake replaces Standard, a variant replaces
-    Dedicated, or the two tiers of one engine replace both.
+    Further rows show gaps of other conditions. An engine or a bake can replace Standard, and a variant can
+    replace Dedicated. The two tiers of one engine can replace both.
     """
-    # A block of rows per metric: the two tiers first, then engines, bakes and variants.
+    # Each metric has a block of rows: the two tiers first, then engines, bakes and variants.
     rows: list[TableRow] = []
     for metric in QUALITY:
         for standard, dedicated in numbers.gap_pairs(dataset):
@@ -78,7 +78,7 @@ def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> 
                 gaps = numbers.gaps.get(key)
                 if not key.is_between_tiers and gaps is None:
                     continue
-                # Rows of bakes without any value are omitted, because bakes have many rows.
+                # Omit rows of bakes without any value, because bakes have many rows.
                 if (
                     standard.startswith(f"{BAKED}/")
                     and gaps
@@ -101,13 +101,13 @@ def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> 
 
 
 def gap_title(key: GapKey) -> str:
-    """Return the method of a gap with the names of its variant, engine or bake."""
+    """Return the title of a gap: its method, and its variant, engine or bake."""
     names = [condition.partition("/")[2] for condition in (key.dedicated, key.standard)]
     return ", ".join((method_title(key.method), *map(plain_text, filter(None, names))))
 
 
 def scene_gaps_table(numbers: Numbers, place: Place) -> Table:
-    """Return the gaps of one asset, through Dedicated and through each of its variants."""
+    """Return the gaps of one asset, for Dedicated and for each variant of Dedicated."""
     columns = (*_NAMES, "monotone")
     variants = [
         name
@@ -122,7 +122,7 @@ def scene_gaps_table(numbers: Numbers, place: Place) -> Table:
             rows.append(TableRow(labels, tuple(cells[name] for name in columns)))
     return Table(
         "gaps",
-        "Quality lost from condition to condition.",
+        "Loss of quality between conditions.",
         ("Metric", "Through") if variants else ("Metric",),
         tuple(_COLUMNS[name] for name in columns),
         tuple(rows),
@@ -131,7 +131,7 @@ def scene_gaps_table(numbers: Numbers, place: Place) -> Table:
 
 
 def slowdown_table(numbers: Numbers, paper: Numbers | None = None) -> Table:
-    """Return the ratios of frame rates of Standard to Dedicated, and of Dedicated to Non-Engine."""
+    """Return two kinds of frame rate ratios: Standard to Dedicated, and Dedicated to Non-Engine."""
     rows: list[TableRow] = []
     for dataset in numbers.datasets():
         for standard, dedicated in numbers.ratio_pairs(dataset):
@@ -164,9 +164,9 @@ def slowdown_table(numbers: Numbers, paper: Numbers | None = None) -> Table:
 
 
 def _gap_cells(numbers: Numbers, key: GapKey) -> dict[str, TableCell]:
-    """Return the cells of the gaps at `key`, by the keys of `_COLUMNS`."""
+    """For each key of `_COLUMNS`, return the table cell of the gaps at `key`."""
     gaps = numbers.gaps.get(key)
-    # The cells of gaps without a value.
+    # For each missing gap, create a cell that gives the reason.
     absent = {}
     for name in _NAMES:
         reason = "missing" if gaps is None else gaps[name].reason
@@ -181,9 +181,10 @@ def _gap_cells(numbers: Numbers, key: GapKey) -> dict[str, TableCell]:
         return gap_cell(key.metric, value, gap, ends, sign=signed, interval=signed)
 
     if gaps is None or gaps.monotone is None or gaps.triangle_excess is None:
-        # One of the gaps is missing. A gap that is not supported (N/A) takes precedence over other reasons.
+        # Give the reason if one of the gaps is missing. A reason of the kind "not supported" (N/A) takes
+        # precedence.
         missing = [absent[name] for name in _NAMES if gaps is None or gaps[name].value is None]
-        other = TableCell(NOT_AVAILABLE, reason="the gaps are not over the same scenes")
+        other = TableCell(NOT_AVAILABLE, reason="the two gaps cover different scenes")
         monotone = excess = min(missing, key=lambda cell: cell.text != NOT_SUPPORTED, default=other)
     else:
         monotone = TableCell("yes" if gaps.monotone else "no", gaps.monotone)
@@ -200,7 +201,7 @@ def _gap_cells(numbers: Numbers, key: GapKey) -> dict[str, TableCell]:
 def gap_cell(
     metric: str, value: float, gap: Gap, ends: Iterable[Number], *, sign: bool = True, interval: bool = True
 ) -> TableCell:
-    """Return the cell of a value of `gap`, with the notes of `ends`, the two numbers that it compares."""
+    """Return a table cell for a value of `gap`. The cell has the notes of the two compared numbers `ends`."""
     return difference_cell(
         metric,
         value,
@@ -219,12 +220,12 @@ def _end_numbers(numbers: Numbers, key: GapKey, name: GapName) -> list[Number]:
 
 
 def _replace_tiers(key: GapKey, tiers: Iterable[str]) -> list[str]:
-    """Return `tiers`; the engine, bake or variant of `key` replaces its tier."""
+    """Replace the names "standard" and "dedicated" in `tiers` by the conditions of `key`."""
     return [{"standard": key.standard, "dedicated": key.dedicated}.get(tier, tier) for tier in tiers]
 
 
 def _ratio_cells(numbers: Numbers, key: GapKey) -> tuple[TableCell, ...]:
-    """Return two cells per pair of conditions: the ratio of mean frame rates, and its range over scenes."""
+    """Return two table cells for each pair of conditions: the ratio of mean frame rates, and its range."""
     cells: list[TableCell] = []
     for pair in _RATIOS:
         conditions = _replace_tiers(key, pair)
@@ -245,13 +246,16 @@ def _ratio_cells(numbers: Numbers, key: GapKey) -> tuple[TableCell, ...]:
 
 
 def absent_cell(ends: Iterable[Number], reason: str | None, metric: str) -> TableCell:
-    """Return the cell of a missing difference: "N/A" or "unsteady" if one of its numbers is so, else "--"."""
+    """Return the cell of a missing difference.
+
+    The text is "N/A" or "unsteady" if a compared number has this text, else "--".
+    """
     unit = METRICS[metric].unit
     missing = [end for end in ends if end.value is None]
     for absent in (NOT_SUPPORTED, UNSTEADY):
         for end in missing:
             if end.absent == absent:
                 return TableCell(absent, None, metric, unit, reason=end.reason)
-    if reason == "unsteady":  # the reason of the gap itself, from the scenes that both conditions have
+    if reason == "unsteady":  # both numbers exist, but the gap has this reason
         return TableCell(UNSTEADY, None, metric, unit, reason=REASONS[reason])
     return TableCell(NOT_AVAILABLE, None, metric, unit, reason=REASONS.get(reason or "", reason))

@@ -24,12 +24,12 @@ from msb.report.safe_names import slug
 from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED, Table, TableColumn
 
 TIME_NOTE = (
-    "P50 and P95: percentiles of the device time of a frame in one scene, from the start of its first "
-    "command to the end of its last; the mean row averages the percentiles of the scenes"
+    "P50 and P95: percentiles of a frame's device time in one scene, from the start of its first command to "
+    "the end of its last command. The mean row averages the percentiles of the scenes"
 )
 MEMORY_NOTE = (
-    "size of all buffers and images after all test views were rendered; each buffer is as large as "
-    "the most demanding view requires. Memory of the driver itself is not included"
+    "total size of all buffers and images after rendering all test views. Each buffer is as large as the "
+    "most demanding view requires. Memory of the driver itself is not included"
 )
 DRIVER_NOTE = (
     "By the driver: memory of the process on an NVIDIA GPU after all test views were rendered, as reported "
@@ -42,23 +42,24 @@ PARTS_NOTES = (
     "Rounds apart: difference between the fastest and the slowest of five rounds, relative to the frame rate",
 )
 WALK_NOTES = (
-    "Flicker: root mean square change between frames that the motion of visible surfaces does not explain, "
-    "in levels of 255; a static opaque mesh with 64 samples per pixel has less than 0.3",
-    "Holes: pixels that show the background in place of the model, as a share of the pixels that show the "
+    "Flicker: root mean square of the changes between frames that surface motion does not explain, in levels "
+    "of 255. A static opaque mesh with 64 samples per pixel has less than 0.3",
+    "Holes: pixels that show the background instead of the model, as a share of the pixels that show the "
     "model or a hole",
 )
 FLOOR_NOTE = (
-    "Floor: the cost of the renderer independent of the mesh. It is measured with a single triangle of the "
-    "model and the shared texture or network, at the size of the largest view; mean over scenes"
+    "Floor: the part of the renderer's cost that does not depend on the mesh. It is measured with a single "
+    "triangle of the "
+    "model and the shared texture or network, at the size of the largest view, and averaged over scenes"
 )
-# How to interpret the connectivity metrics (paper, "Interpretation").
+# Notes on the interpretation of connectivity metrics (paper, "Interpretation").
 STRUCTURE_NOTES = (
-    "of the mesh as stored: nothing was merged, removed or repaired",
-    "boundaries may be legitimate: open scenes, sheets, and surfaces that no camera saw have them",
-    "V/F and valence measure how often vertices are shared, not manifoldness or accuracy; seams of UVs, "
+    "of the mesh as stored: faces and vertices were not merged, removed or repaired",
+    "boundaries are not always errors: open scenes, sheets and unseen parts of a surface have boundaries",
+    "V/F and valence measure how often vertices are shared, not manifoldness or accuracy. Seams of UVs, "
     "normals and materials duplicate vertices, which raises V/F",
     "the number of components and the size of the largest component (LCC) do not measure accuracy or "
-    "manifoldness. The number of components depends on the resolution and the scene: read it together with "
+    "manifoldness. The number of components depends on the resolution and the scene. Read it together with "
     "the LCC fractions, and look at the mesh",
     "self-intersections are not examined",
 )
@@ -66,18 +67,18 @@ STRUCTURE_NOTES = (
 _NATIVE = ("fps", "train_memory", "train_seconds", "chamfer")
 _PERCENTILES = ("p50_ms", "p95_ms")
 _FRAME_PARTS = ("fps", "p50_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
-# The three groups of the paper's eight columns.
+# Three groups of metrics, as in the paper's table with eight columns.
 _CONNECTIVITY = {
     "Local reuse": ("vf_ratio", "mean_valence"),
     "Local structure": ("boundary_edge_ratio", "nonmanifold_edge_ratio", "nonmanifold_vertex_ratio"),
     "Global connectivity": ("lcc_face_ratio", "lcc_area_ratio", "components"),
 }
-# The heading above the scenes of each group, by the name of the group's mean.
+# Headings for groups of scenes, by the name of the group's mean.
 _GROUPS = {"indoor_mean": "indoor scenes", "outdoor_mean": "outdoor scenes"}
 
 
 def native_rows(numbers: Numbers, *, asset_metrics: Sequence[str] = ()) -> list[RowSpec]:
-    """Return a row per dataset and method that has native renderings, or a value of `asset_metrics`."""
+    """Return a row for each dataset and method that has native renderings or values of `asset_metrics`."""
     return [
         titled_row(dataset=dataset, method=method)
         for dataset in numbers.datasets()
@@ -104,16 +105,16 @@ def _scene_rows(
     prefix: str = "",
     of: Mapping[str, str] | None = None,
 ) -> Iterator[RowSpec]:
-    """Yield a row for each scene and each mean; a dataset without scenes has only the row of its mean.
+    """Yield a row for each scene and each mean. For a dataset without scenes, yield only the mean.
 
     Parameters
     ----------
     numbers : Numbers
     dataset : str
     groups : sequence of str
-        The order of the dataset's groups of scenes.
+        The groups of scenes of the dataset, in table order.
     group_means : bool
-        Whether each group ends with its mean; otherwise the last row, the overall mean, is bold.
+        Whether each group ends with its mean. If false, only the last row is a mean and is bold.
     prefix : str
         First words of each section's name.
     of : mapping of str to str, optional
@@ -125,7 +126,7 @@ def _scene_rows(
         heading = ", ".join(filter(None, (prefix, *section)))
         return RowSpec((scene_title(scene),), {"scene": scene, **(of or {})}, heading, scene in MEANS, bold)
 
-    # First come the groups of the dataset, then scenes without a group, then the mean.
+    # The order is: groups of scenes, scenes without a group, and the mean.
     remaining = numbers.scenes(dataset)
     for group in groups if members else ():
         of_group = [scene for scene in remaining if scene in members[group]]
@@ -147,14 +148,14 @@ def _has_floor(numbers: Numbers, dataset: str) -> bool:
 
 
 def _floor_rows(numbers: Numbers, dataset: str) -> list[RowSpec]:
-    """Return the row of a single triangle, if one was timed."""
+    """Return the row of a single triangle, if a single triangle was timed."""
     if not _has_floor(numbers, dataset):
         return []
     return [RowSpec((scene_title(FLOOR),), {"scene": FLOOR}, "one triangle")]
 
 
 def native_summary(numbers: Numbers, paper: Numbers | None = None) -> Table:
-    """Return the results of the methods with their native renderers; the best method of a dataset is bold."""
+    """Return the results of the methods with their native renderers. The best method of a dataset is bold."""
     return make_table(
         numbers,
         paper,
@@ -169,7 +170,7 @@ def native_summary(numbers: Numbers, paper: Numbers | None = None) -> Table:
 
 
 def native_comprehensive_results(numbers: Numbers, paper: Numbers | None = None) -> Table:
-    """Return the columns of `native_summary` for each scene and mean; the best method of a scene is bold."""
+    """Return the columns of `native_summary` for each scene and mean. The best method of a scene is bold."""
     return make_table(
         numbers,
         paper,
@@ -189,9 +190,9 @@ def native_comprehensive_results(numbers: Numbers, paper: Numbers | None = None)
 
 
 def renderer_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return a row per condition and metric, and a column per method; the best condition is bold.
+    """Return a row per condition and metric, and a column per method. The best condition is bold.
 
-    As in the paper, Standard comes before Dedicated.
+    Standard comes before Dedicated, as in the paper.
     """
     conditions = sorted(numbers.conditions(dataset), key=_comparison_order)
     return make_table(
@@ -228,7 +229,7 @@ def _comparison_order(condition: str) -> int:
 
 
 def scene_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return a row per deployed condition and method, with a block of columns for each of the few scenes.
+    """Return a row for each deployed condition and method, and a block of columns for each scene.
 
     The best deployment of each method in each scene is bold.
     """
@@ -252,11 +253,11 @@ def scene_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = Non
 
 
 def per_scene(numbers: Numbers, dataset: str, condition: str) -> Table:
-    """Return the results in one condition per scene, with a block of columns per method.
+    """Return a row of results for each scene, under one condition. Each method has a block of columns.
 
     The best method of each scene is bold.
     """
-    # Methods without images still have a column for the Chamfer distance on DTU.
+    # Methods without images also have a column for the Chamfer distance on DTU.
     chamfer = ("chamfer",) if (dataset, condition) == ("dtu", "non_engine") else ()
     with_images = numbers.methods(dataset, condition)
     return make_table(
@@ -281,7 +282,7 @@ def per_scene(numbers: Numbers, dataset: str, condition: str) -> Table:
 
 
 def latency(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return the 50th and 95th percentile of the frame time of every deployment, per scene."""
+    """Return the percentiles P50 and P95 of the frame time for each scene and deployment."""
     pairs, omitted = _deployments(numbers, dataset, "p50_ms")
     columns = [
         TableColumn(
@@ -307,7 +308,7 @@ def latency(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Tab
 
 
 def frame_time(numbers: Numbers, dataset: str) -> Table:
-    """Return the parts of the frame time: device commands, idle time between them, host."""
+    """Return the parts of the frame time: device commands, idle time between commands, and host time."""
     pairs, omitted = _deployments(numbers, dataset, "p50_ms")
     return make_table(
         numbers,
@@ -324,7 +325,7 @@ def frame_time(numbers: Numbers, dataset: str) -> Table:
 
 
 def walk(numbers: Numbers, dataset: str) -> Table:
-    """Return flicker and holes on a walk beyond the captured views; each method's best condition is bold."""
+    """Return flicker and holes on a walk beyond the captured views. Each method's best condition is bold."""
     pairs, omitted = _deployments(numbers, dataset, "flicker", bakes=True)
     return make_table(
         numbers,
@@ -343,9 +344,9 @@ def walk(numbers: Numbers, dataset: str) -> Table:
 
 
 def memory(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return the device memory of every deployment, per scene."""
+    """Return the device memory for each scene and deployment."""
     pairs, omitted = _deployments(numbers, dataset, "memory")
-    # There is a column per condition and method. If the driver reports memory, a column with it follows.
+    # Each condition and method has a column. If the driver reports memory, another column shows it.
     columns = []
     by_driver = False
     for condition, method in pairs:
@@ -370,8 +371,9 @@ def memory(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Tabl
 
 
 def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return frame time, memory and asset size, with the scenes side by side, for few scenes."""
-    # The titles of the columns, by heading and metric. Each block has a column per scene, mean and metric.
+    """Return frame time, memory and asset size of a dataset with few scenes. The scenes are side by side."""
+    # Titles of the columns, by heading and metric. Each scene and each mean has a column for every metric of
+    # a block.
     blocks = {
         "Device time of a frame (ms ↓)": {metric: METRICS[metric].title for metric in _PERCENTILES},
         "Memory (MiB ↓)": {"memory": "Render", "asset_size": METRICS["asset_size"].title},
@@ -404,9 +406,9 @@ def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = No
 def _deployments(
     numbers: Numbers, dataset: str, metric: str, *, bakes: bool = False
 ) -> tuple[list[tuple[str, str]], tuple[str, ...]]:
-    """Return the (condition, method) pairs of a table of `metric`, and a note on each unsupported pair.
+    """Return the (condition, method) pairs for a table of `metric`. For each unsupported pair, return a note.
 
-    Bakes are included only if `bakes` is true, because their cost has a table of its own.
+    Bakes are included only if `bakes` is true, because the cost of bakes has a separate table.
     """
     pairs, omitted = [], []
     for condition in numbers.conditions(dataset):
@@ -428,7 +430,7 @@ def connectivity_columns() -> list[TableColumn]:
 
 
 def mesh_connectivity(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return the connectivity of every exported mesh of a dataset, triangle soups last; the mean is bold."""
+    """Return the connectivity of every exported mesh of a dataset, triangle soups last. The mean is bold."""
 
     def is_soup(method: str) -> bool:
         mean = Key(dataset, MEAN, method, "exported_mesh", "nonmanifold_vertex_ratio")

@@ -1,4 +1,4 @@
-"""Tables of the differences between our numbers and published ones."""
+"""Tables of the differences between our numbers and published numbers."""
 
 import math
 from collections.abc import Iterable
@@ -22,16 +22,16 @@ from msb.report.paper import PUBLISHED_LPIPS
 from msb.report.table import NOT_AVAILABLE, Table, TableCell, TableColumn, TableRow
 from msb.report.tables.measurements import native_rows
 
-# The heading of each `Key.source`: the method's own paper, its public code, the benchmark's paper, and our
-# measurement.
+# Headings of the values of `Key.source`: the method's paper, its public code, the benchmark's paper, and this
+# run.
 SOURCES = {"paper": "Paper", "public": "Public", "meshsplatbench": "MeshSplatBench paper", "": "This run"}
 
 
 class PublishedPair(NamedTuple):
-    """One of our numbers and its published counterpart, both in the unit of the records.
+    """A number of ours and the published number, both in the unit of the records.
 
-    `key` is the key of our number, but its `source` names the publication. `notes` are those of the published
-    number.
+    `key` is the key of our number, but its `source` is the name of the publication. `notes` contains the
+    notes of the published number.
     """
 
     key: Key
@@ -41,12 +41,15 @@ class PublishedPair(NamedTuple):
 
     @property
     def difference(self) -> float:
-        """Our number minus the published one."""
+        """Our number minus the published number."""
         return self.ours - self.published
 
 
 def reproducibility(numbers: Numbers, paper: Numbers | None = None) -> Table:
-    """Return a row per dataset and method with a block of columns per source; the best of a block is bold."""
+    """Return a row per dataset and method, with a block of columns per source.
+
+    The best value of a block is bold.
+    """
     published = {} if paper is None else {key: number for key, number in paper.values.items() if key.source}
     both = numbers if paper is None else Numbers({**numbers.values, **published})
     known = {(key.dataset, key.method) for key in both.values if key.source}
@@ -70,10 +73,10 @@ def reproducibility(numbers: Numbers, paper: Numbers | None = None) -> Table:
 
 
 def pair_with_published(numbers: Numbers, paper: Numbers) -> list[PublishedPair]:
-    """Return each of our image quality values with its published counterpart.
+    """Pair our image quality values with the published values.
 
-    `Key.source` of a pair is "paper" (the method's own paper), "public" (its public code) or "meshsplatbench"
-    (the benchmark's paper). Partial means are not compared.
+    `Key.source` of a pair is "paper" (the method's paper), "public" (the method's public code) or
+    "meshsplatbench" (the benchmark's paper). Means over only some of the scenes are not compared.
     """
     pairs = []
     for key, published in paper.values.items():
@@ -88,7 +91,7 @@ def pair_with_published(numbers: Numbers, paper: Numbers) -> list[PublishedPair]
 
 
 def list_notes(pairs: Iterable[PublishedPair]) -> list[str]:
-    """Return the notes of published numbers, each once."""
+    """Return the notes of published numbers without repetition."""
     return list(dict.fromkeys(note for pair in pairs for note in pair.notes))
 
 
@@ -97,7 +100,7 @@ def reproducibility_statistics(numbers: Numbers, paper: Numbers) -> Table:
 
     The columns are the number of pairs, mean |d|, max |d|, and the pair with the largest |d|.
     """
-    # pairs by source, by whether they are means, and by metric
+    # group the pairs by publication, by metric, and by single scenes or means
     groups: dict[tuple[str, bool, str], list[PublishedPair]] = {}
     for pair in pair_with_published(numbers, paper):
         groups.setdefault((pair.key.source, pair.key.scene in MEANS, pair.key.metric), []).append(pair)
@@ -110,7 +113,7 @@ def reproducibility_statistics(numbers: Numbers, paper: Numbers) -> Table:
         tuple(map(TableColumn, ("n", "mean |d|", "max |d|", "max |d| / published (%)", "Worst pair"))),
         tuple(_statistics_row(*group, groups[group]) for group in order if group in groups),
         (
-            "partial means are not compared",
+            "means over only some of the scenes are not compared",
             *([f"LPIPS: {PUBLISHED_LPIPS}"] if lpips else []),
             *list_notes(
                 pair for group in groups.values() for pair in group if pair.key.source != "meshsplatbench"

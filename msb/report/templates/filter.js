@@ -1,4 +1,4 @@
-// Add lists that filter the rows of a table by its groups, its row headings, and its columns marked data-filter.
+// Add lists that filter the rows of a table by group, by row heading, or by a column marked data-filter.
 for (const table of document.querySelectorAll("table")) {
   const columns = [...table.querySelectorAll("[data-filter]")];
   if (!columns.length) continue;
@@ -7,7 +7,7 @@ for (const table of document.querySelectorAll("table")) {
   table.closest(".scroll").before(bar);
   const group = (row) => row.parentElement.querySelector(".group").textContent.trim();
   const label = table.querySelector("thead th.label").textContent.trim();
-  // Title of a list and function that returns the value of a row.
+  // Each filter list has a title, and a function that returns the value of a row.
   const filters = [["Dataset, scene", group], [label, (row) => row.cells[0].textContent.trim()]];
   for (const head of columns) {
     const place = Number(head.dataset.column) + 1;

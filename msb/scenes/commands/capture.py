@@ -14,7 +14,7 @@ from msb.errors import SceneError
 
 @dataclass(frozen=True)
 class CaptureOptions:
-    """The output, and how photographs are compared."""
+    """Options for the output and for the comparison of photographs."""
 
     out: Annotated[
         Path | None,
@@ -23,8 +23,9 @@ class CaptureOptions:
     matching: Annotated[
         Literal["exhaustive", "sequential"],
         Option(
-            "exhaustive: compare all pairs of photographs. sequential: compare neighbours by name, for the "
-            "frames of a video, in a time that grows with their number and not with its square."
+            "exhaustive: compare all pairs of photographs. sequential: compare neighbours by name, for video "
+            "frames. The time of sequential grows linearly with the number of photographs, the time of "
+            "exhaustive quadratically."
         ),
     ] = "exhaustive"
     seed: Annotated[int, Option("Set the seed of the random search.", least=0)] = 0
@@ -36,11 +37,12 @@ def capture(
     options: CaptureOptions,
     output: JsonOutput,
 ) -> None:
-    """Find the poses of photographs, and write a scene that all commands read.
+    """Find the poses of photographs, and write a scene that all commands can read.
 
-    pycolmap finds poses, lens and points (extra capture). The scene has undistorted images without loss and
-    pinhole cameras, as msb scenes --undistort writes them. The photographs should overlap by two thirds, be
-    sharp, and show nothing that moves. Coordinates have no unit; --scale and --known-distance give one.
+    pycolmap finds camera poses, the lens and points (extra capture). The scene has undistorted, losslessly
+    stored images and pinhole cameras, like scenes written by msb scenes --undistort. Take sharp photographs
+    that overlap by two thirds and show nothing that moves. The recovered coordinates have no unit. Use
+    --scale or --known-distance to set a unit.
     """
     require(options.out, "Missing output. Pass -o with the folder to write, for example -o scene")
     assert options.out is not None
@@ -55,7 +57,7 @@ def capture(
     output.add_inputs([path])
     names = [image.name for image in images_in(path)]
     if len(names) < 3:
-        text = f"it contains {len(names)} photographs; at least 3 are needed, 20 to 100 are usual"
+        text = f"the folder contains {len(names)} photographs; at least 3 are needed, and 20 to 100 are usual"
         raise SceneError("CAPTURE_FAILED", text, file=path)
     output.check_folder(options.out)
     with output.bars("steps") as progress:
@@ -94,14 +96,14 @@ def capture(
         lost = sorted(set(names) - {str(camera.name) for camera in found.cameras})
         more = ", ..." if len(lost) > 4 else ""
         output.note(
-            f"{len(lost)} of {len(names)} photographs could not be placed: {', '.join(lost[:4])}{more}; they "
-            "are blurred, or overlap with no other"
+            f"{len(lost)} of {len(names)} photographs could not be placed: {', '.join(lost[:4])}{more}. They "
+            f"are blurred or do not overlap with other photographs"
         )
     if len(found.models) > 1:
         others = " and ".join(map(str, found.models[1:3]))
         output.note(
-            f"the photographs fall into {len(found.models)} parts that do not overlap; the largest is used, "
-            f"others have {others} photographs. Add photographs between the parts"
+            f"the photographs form {len(found.models)} groups that do not overlap. The largest group is "
+            f"used; the others have {others} photographs. Add photographs between the groups"
         )
     if not output.prints_text:
         return

@@ -1,4 +1,4 @@
-"""`msb scenes`: the scenes found in folders, and how they would be evaluated."""
+"""`msb scenes`: list the scenes found in folders, and how they would be evaluated."""
 
 import contextlib
 import math
@@ -19,13 +19,13 @@ from msb.scenes.datasets import Scene, SceneReport
 
 @dataclass(frozen=True)
 class ScenesOptions:
-    """The rules for reading the scenes, and an undistorted copy."""
+    """Options for the rules of reading a scene, and for an undistorted copy."""
 
     undistort: Annotated[
         Path | None,
         Option(
-            "Write the scene to OUT as a COLMAP scene for other programs: upright, undistorted colour images "
-            "without loss, pinhole cameras, masks, points and the recorded split.",
+            "Write the scene to OUT as a COLMAP scene for other programs: upright, undistorted, losslessly "
+            "stored colour images, pinhole cameras, masks, points and the recorded split.",
             metavar="OUT",
             output="folder",
         ),
@@ -34,7 +34,7 @@ class ScenesOptions:
     rules: Annotated[
         str,
         Option(
-            "Read the scene by the rules of this method's official code, or of msb run (ours).",
+            "Read the scene like the official code of method NAME. The value ours reads it like msb run.",
             metavar="NAME",
         ),
     ] = "ours"
@@ -53,10 +53,10 @@ def scenes(
     options: ScenesOptions,
     output: ManyOutput,
 ) -> None:
-    """List the scenes found, the photographs that are used, and missing files.
+    """List the scenes found, their photographs and missing files.
 
-    A single scene is described in full. Several scenes are listed in a table, or with -v described in full.
-    Only image headers are read. docs/datasets.md explains the layouts and the rules.
+    Describe a single scene in full. List several scenes in a table; describe them in full with -v. Only the
+    headers of images are read. The layouts and the rules are explained in docs/datasets.md.
     """
     from msb.scenes.datasets import describe_scene, find_scenes
     from msb.scenes.datasets.read import rules_of
@@ -112,13 +112,13 @@ def _undistort(path: Path, folder: Path, reading: SceneOptions, output: Output) 
     options = {"resolution": 1, **reading.given}
     scene = read_scene(path, converts=True, **options)
     if scene.gt_resized:
-        text = "needs the photographs in their size; --resolution and datasets that divide it do not apply"
+        text = "needs full-size photographs; omit --resolution, and choose a dataset that keeps the size"
         raise UsageError("USAGE", f"--undistort {text}")
     for warning in scene.warnings:
         output.note(warning.to_line(warning.file or path))
     model = find_model(path) if scene.layout == "colmap" else None
     points = None
-    with contextlib.suppress(MsbError):  # the description of the scene reports points that cannot be read
+    with contextlib.suppress(MsbError):  # the description of the scene already reports unreadable points
         points = None if model is None else read_points(model)
     with output.counted("undistorting", len(scene.train) + len(scene.test)) as step:
         write_capture(
@@ -146,7 +146,7 @@ def _print(reports: list[SceneReport], output: Output) -> None:
             used = "RGBA PNG" if scene.mask_source == "png_alpha" else str(scene.image_folder)
             used += ", resized" if scene.gt_resized else ""
             cells = (str(len(scene.train)), str(len(scene.test)), _size(scene.test[0]), used)
-        # The table has a column for the dataset, so the paths above the scenes appear only in the notes.
+        # The table has no paths, so print the paths of scenes in the notes.
         rows.append((shorten(report.name, 40), shorten(report.dataset, 20), *cells))
     output.table(("Scene", "Dataset", "Train", "Test", "Size", "Photographs"), rows, right=(2, 3, 4))
     for report in reports:
@@ -211,9 +211,9 @@ def _describe(scene: Scene) -> list[tuple[str, str]]:
     if scene.mask_source:
         masks += f"; composited with the background {scene.compositing.replace('_', ' ')}"
     fixed = scene.dataset in DATASETS and DATASETS[scene.dataset].background is not None
-    behind = "for every method" if fixed else "unless the method uses another"
-    # Count the different lenses. A lens is its recorded image size and its focal lengths relative to the
-    # image.
+    behind = "for every method" if fixed else "unless the method has another background"
+    # Count the different lenses. Two views share a lens if their recorded image sizes and relative focal
+    # lengths are equal.
     views = {
         (view.source_size or (view.width, view.height), view.fx / view.width, view.fy / view.height)
         for view in (*scene.train, *scene.test)
@@ -227,6 +227,7 @@ def _describe(scene: Scene) -> list[tuple[str, str]]:
     if recorded.distortion is not None:
         lens += ", undistorted"
     angles = f"{math.degrees(first.fov_x):.1f} x {math.degrees(first.fov_y):.1f} degrees"
+    upward = ", ".join(f"{round(value, 3) + 0.0:.3f}" for value in scene.up)
     return [
         ("rules", scene.rules),
         ("views", f"{len(scene.train)} training, {len(scene.test)} test; {split}"),
@@ -234,12 +235,15 @@ def _describe(scene: Scene) -> list[tuple[str, str]]:
         ("masks", masks),
         ("background", f"{color_name(scene.background)}, {behind}"),
         ("cameras", f"{lens}, {angles}, {scene.camera_convention}"),
-        ("up", f"{', '.join(f'{value:.3f}' for value in scene.up)} in the world of the cameras"),
+        ("up", f"{upward} in the world of the cameras"),
     ]
 
 
 def _list_deviations(report: SceneReport) -> list[tuple[str, str]]:
-    """Return rows on how official code reads the scene differently; methods that do the same share a row."""
+    """Return table rows that describe how the official code of each method reads the scene.
+
+    Methods with equal differences share a row.
+    """
     grouped: dict[tuple[str, ...], list[str]] = {}
     for name, texts in report.deviations.items():
         if texts:

@@ -1,7 +1,7 @@
-"""Datasets: scenes in their official layouts, split, sized and composited by one set of rules.
+"""Datasets: scenes in their official layouts, and one set of rules for their splits, sizes and backgrounds.
 
-This package reads only headers of photographs; `msb.metrics.ground_truth` decodes them. docs/datasets.md
-describes layouts and rules.
+This package reads only the headers of photographs. The pixels are decoded by `msb.metrics.ground_truth`.
+Layouts and rules are described in docs/datasets.md.
 """
 
 from msb.scenes.datasets.catalog import DATASETS

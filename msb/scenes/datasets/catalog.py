@@ -7,11 +7,11 @@ from typing import Literal
 
 from msb.scenes.colors import WHITE, Color
 
-# Dataset name of a capture that is in no known dataset, if the user passed no name.
+# Default dataset name for a capture that belongs to no known dataset.
 CUSTOM = "custom"
 
-# Layout of a scene's folder. "colmap" has sparse/, "blender" has transforms_train.json and
-# transforms_test.json, "transforms" has transforms.json without a split, "neus" has cameras.npz.
+# Layout of a scene's folder. The layout "colmap" has sparse/, "blender" has transforms_train.json and
+# transforms_test.json, "transforms" has transforms.json without a split, and "neus" has cameras.npz.
 Layout = Literal["colmap", "blender", "transforms", "neus"]
 
 
@@ -23,17 +23,17 @@ class Dataset:
     ----------
     title : str
     scenes : mapping of str to str
-        Scene -> its group, which is "" in datasets without groups.
+        The group of each scene; "" in datasets without groups.
     names : pattern
         File names of the published photographs, without folders.
     sizes : mapping of str to set of (int, int)
-        Scene -> recorded sizes of its published cameras; "" stands for scenes that are not listed.
+        The recorded camera sizes of each published scene; the key "" covers all other scenes.
     masked : bool
-        Whether only the object is evaluated: photographs have a mask and are composited over `background`.
+        Whether photographs have a mask and only the object is evaluated, over `background`.
     background : Color, optional
         The background of photographs and renderings; None if it depends on the method (`Rules.backgrounds`).
     folders : tuple of str
-        Names, in lower case, of the folder above the scenes in published packages.
+        Lower-case names of the parent folder of the scenes in published packages.
     views : (int, int), optional
         The numbers of training and test views, if they are equal for all scenes.
     layouts : tuple of Layout
@@ -58,7 +58,7 @@ _INDOOR, _OUTDOOR = (
 _OBJECTS = ("chair", "drums", "ficus", "hotdog", "lego", "materials", "mic", "ship")
 _SCANS = (24, 37, 40, 55, 63, 65, 69, 83, 97, 105, 106, 110, 114, 118, 122)
 
-# The datasets by id, in the order of the paper's tables.
+# The datasets by id, in the order of the tables in the paper.
 DATASETS: dict[str, Dataset] = {
     "mipnerf360": Dataset(
         "Mip-NeRF 360",
@@ -106,14 +106,15 @@ DATASETS: dict[str, Dataset] = {
         layouts=("colmap", "neus"),
     ),
 }
-# A recorded side may differ from the published one by this number of pixels, because of rounding.
+# Maximum difference in pixels between a recorded side and the published side, because of rounding.
 _ROUNDING = 1
 
 
 def name_datasets(layout: Layout, name: str, above: str) -> Iterator[tuple[str, bool]]:
-    """Yield the datasets that the name of a scene, or of the folder `above` it, suggests.
+    """Yield the datasets that match the name of a scene or the name of its parent folder `above`.
 
-    The flag states whether it is the folder above, which takes precedence.
+    The flag is true if the name of the parent folder suggests the dataset. The name of the parent folder
+    takes precedence over the name of the scene.
     """
     for key, dataset in DATASETS.items():
         if above.lower() in dataset.folders:
@@ -128,8 +129,9 @@ def is_published(
 ) -> bool:
     """Return whether photographs have the published names and recorded sizes of a dataset.
 
-    `below` states that the scene is in a folder of the dataset's name; then names are enough, so that
-    resized copies are recognised. Folders of DTU's scenes are called scan1 to scan128.
+    Set `below` if the parent folder has the name of the dataset. If the name of the parent folder matches,
+    the names of the photographs are sufficient, so that resized copies are recognised. Folders of DTU's
+    scenes are called scan1 to scan128.
     """
     dataset = DATASETS[key]
     if not all(dataset.names.fullmatch(name.rsplit("/", 1)[-1]) for name in photographs):

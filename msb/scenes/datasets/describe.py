@@ -24,7 +24,7 @@ from msb.scenes.image_size import image_size
 
 @dataclass(frozen=True)
 class ImageFolder:
-    """A folder of photographs: their number, how many the scene uses, and the size of the first."""
+    """A folder of photographs, with the number of used photographs and the size of the first."""
 
     name: str
     images: int
@@ -34,11 +34,12 @@ class ImageFolder:
 
 @dataclass(frozen=True)
 class SceneReport:
-    """The content of a scene's folder; either `scene` or `error` is None.
+    """The content of a scene's folder. Either `scene` or `error` is None.
 
-    `points` is the number of SfM points, None if they cannot be read. `unused` lists unused files, each with
-    the reason. `deviations` describes how each method's official code reads the scene differently. `missing`
-    counts missing photographs of "training" and "test" views; it is None if the cameras cannot be read.
+    `points` is the number of SfM points, or None if they cannot be read. `unused` lists unused files, each
+    with the reason. `deviations` lists the differences between our rules and each method's official code.
+    `missing` counts the missing photographs of "training" and "test" views. The value is None if the cameras
+    cannot be read.
     """
 
     path: Path
@@ -75,7 +76,10 @@ class SceneReport:
 
 
 def _describe_capture(scene: Scene | None) -> dict[str, Any]:
-    """Return JSON data about the lens, axes, masks and split of a capture; None where it was rejected."""
+    """Return JSON data about the lens, axes, masks and split of a capture.
+
+    For a rejected capture, all values are None.
+    """
     if scene is None or scene.lens is None:
         return dict.fromkeys(("lens", "up", "unit", "masks", "split"))
     return {
@@ -90,7 +94,7 @@ def _describe_capture(scene: Scene | None) -> dict[str, Any]:
 def describe_lens(camera: Camera) -> dict[str, Any]:
     """Return the model and parameters of a recorded camera as JSON data, in COLMAP's order.
 
-    `undistorted` states that its photographs are undistorted when they are read.
+    `undistorted` states that the photographs are undistorted on reading.
     """
     model: str = "PINHOLE"
     coefficients: tuple[float, ...] = ()
@@ -125,10 +129,10 @@ def _describe_evaluation(scene: Scene) -> dict[str, Any]:
 
 
 def describe_scene(path: Path, **options: Any) -> SceneReport:
-    """Return a report on the scene at `path`; `options` are passed to `read_scene`.
+    """Return a report on the scene at `path`. The `options` are passed to `read_scene`.
 
-    The path must be a folder that `find_layout` recognises. Errors about the scene's content are not raised
-    but stored in the report.
+    The path must be a folder that `find_layout` recognises. Errors about the scene's content are stored in
+    the report instead of raised.
     """
     place, layout = path.absolute(), find_layout(path)
     if layout is None:
@@ -139,7 +143,7 @@ def describe_scene(path: Path, **options: Any) -> SceneReport:
         scene = read_scene(path, **options)
     except MsbError as error:
         problem = error
-    # First come facts that do not need a valid scene, then facts about how the scene is evaluated.
+    # First describe the folder, which does not need a valid scene. Then describe the evaluation of the scene.
     dataset = options.get("dataset") or dataset_of(path)
     images = _list_image_folders(path, scene)
     points, of_points = _count_points(path, layout)
@@ -178,7 +182,7 @@ def _list_image_folders(root: Path, scene: Scene | None) -> tuple[ImageFolder, .
     for folder in folders(root):
         if images := images_in(folder):
             size: Size | None = None
-            # errors of images in use were reported when the scene was read
+            # errors of used images were reported when the scene was read
             with contextlib.suppress(MsbError):
                 size = image_size(images[0])
             holding.append(ImageFolder(folder.name, len(images), len(used.intersection(images)), size))
@@ -186,7 +190,7 @@ def _list_image_folders(root: Path, scene: Scene | None) -> tuple[ImageFolder, .
 
 
 def _count_points(root: Path, layout: Layout) -> tuple[int | None, list[Finding]]:
-    """Return the number of SfM points, and a warning if a COLMAP scene has none."""
+    """Return the number of SfM points. For a COLMAP scene without points, also return a warning."""
     model = find_model(root) if layout == "colmap" else None
     if model is None:
         return None, []
@@ -204,7 +208,7 @@ def _check_view_count(scene: Scene) -> list[Finding]:
     wanted = dataset.views if dataset is not None and scene.name in dataset.scenes else None
     if wanted is None or wanted == counts:
         return []
-    text = "it has {} training and {} test views; the published scene has {} and {}".format(*counts, *wanted)
+    text = "the scene has {} training and {} test views; {} and {} are published".format(*counts, *wanted)
     return [finding("SCENE_LAYOUT", text, severity="warning", file=str(scene.root), value=counts)]
 
 
@@ -231,7 +235,7 @@ def _list_unused(
 
 
 def _list_deviations(root: Path, ours: Scene, options: dict[str, Any]) -> dict[str, tuple[str, ...]]:
-    """Return for each method how its official code would read the scene differently."""
+    """Return the differences between each method's official code and our rules in reading the scene."""
     given = {key: value for key, value in options.items() if key == "dataset"}
     deviations: dict[str, tuple[str, ...]] = {}
     for name in RULES:
@@ -245,7 +249,7 @@ def _list_deviations(root: Path, ours: Scene, options: dict[str, Any]) -> dict[s
 
 
 def _explain_failure(error: MsbError, dataset: str) -> str:
-    """Return in few words why a method's official code rejects a scene that our rules accept."""
+    """Return a short reason why a method's official code rejects a scene that our rules accept."""
     if error.code == "SCENE_UNKNOWN":
         return f"no rule for {dataset}"
     if error.code == "SCENE_IMAGE_MISSING":
@@ -254,11 +258,11 @@ def _explain_failure(error: MsbError, dataset: str) -> str:
 
 
 def _list_differences(ours: Scene, theirs: Scene) -> list[str]:
-    """Return short descriptions of the differences between a scene read by our rules and by others."""
+    """Return short descriptions of the differences between a scene read by our rules and by other rules."""
     first, second = ours.test[0], theirs.test[0]
     differences = []
     our_size, size = (f"{view.width} x {view.height}" for view in (first, second))
-    # Size and resampling of photographs, test split, intrinsics, background, masks and rounding.
+    # Compare the size and resampling of photographs, test split, intrinsics, background, masks and rounding.
     if (theirs.image_folder, size) != (ours.image_folder, our_size):
         how = f", resized ({theirs.resampling})" if theirs.gt_resized else ""
         place = "" if theirs.image_folder == "." else f"{theirs.image_folder} at "

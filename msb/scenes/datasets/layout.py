@@ -24,8 +24,8 @@ VALIDATION = "transforms_val.json"
 def find_layout(folder: Path) -> Layout | None:
     """Return the layout of `folder`, or None if it is not a scene.
 
-    As in the 3DGS family (scene/__init__.py), a folder `sparse` takes precedence over transforms_train.json.
-    The file cameras.npz is used only if both are missing.
+    A folder `sparse` takes precedence over transforms_train.json, as in the 3DGS family (scene/__init__.py).
+    The file cameras.npz is used only if `sparse` and transforms_train.json are missing.
     """
     if is_folder(folder / "sparse"):
         return "colmap"
@@ -39,14 +39,14 @@ def find_layout(folder: Path) -> Layout | None:
 
 
 def find_scenes(path: Path) -> list[Path]:
-    """Return the scenes at `path`: the folder itself, or the scenes at most two levels below it."""
+    """Return the scenes at `path`: the folder itself, or the scenes at most two levels below the folder."""
     check_folder(path)
     if find_layout(path) is not None:
         return [path]
     scenes = [scene for child in folders(path) for scene in _scenes_below(child)]
     if not scenes:
         text = (
-            f"it contains no scene: neither it nor its subfolders have sparse/0, {TRAIN} or {MATRICES}; "
+            f"no scene was found: sparse/0, {TRAIN} and {MATRICES} are missing here and in subfolders; "
             "docs/datasets.md describes the layouts"
         )
         raise SceneError("SCENE_LAYOUT", text, file=path)
@@ -61,25 +61,28 @@ def _scenes_below(folder: Path) -> list[Path]:
 
 
 def folders(path: Path) -> Iterator[Path]:
-    """Yield the folders in `path`, sorted by name, except hidden ones."""
+    """Yield the visible subfolders of `path`, sorted by name."""
     yield from (child for child in _children(path) if not child.name.startswith(".") and is_folder(child))
 
 
 def images_in(folder: Path) -> list[Path]:
-    """Return the image files in `folder`, sorted by name; empty if the folder does not exist."""
+    """Return the image files in `folder`, sorted by name. If the folder does not exist, the list is empty."""
     images = (child for child in _children(folder) if child.suffix.lower() in IMAGE_SUFFIXES)
     return [image for image in images if is_file(image)]
 
 
 def _children(folder: Path) -> list[Path]:
-    """Return the sorted content of a folder; empty if it cannot be read."""
+    """Return the sorted content of a folder. If the folder cannot be read, the list is empty."""
     with contextlib.suppress(OSError):
         return sorted(folder.iterdir())
     return []
 
 
 def read_views(root: Path, layout: Layout, rules: Rules, image_folder: str) -> list[Camera]:
-    """Return the recorded cameras of the scene at `root`; only the layout "blender" states their split."""
+    """Return the recorded cameras of the scene at `root`.
+
+    Only cameras of the layout "blender" have a split.
+    """
     if layout == "blender":
         return _read_blender(root)
     views = _read_unsplit(root, layout, image_folder)
@@ -89,7 +92,7 @@ def read_views(root: Path, layout: Layout, rules: Rules, image_folder: str) -> l
 def _read_blender(root: Path) -> list[Camera]:
     """Return the cameras of the JSON files for training and tests.
 
-    Without a file for tests, the validation views are test views.
+    If the file for tests is missing, the validation views become test views.
     """
     if is_file(root / TRAIN) and is_file(root / TEST):
         return read_cameras(root)
@@ -103,7 +106,7 @@ def _read_blender(root: Path) -> list[Camera]:
 
 
 def _read_unsplit(root: Path, layout: Layout, image_folder: str) -> list[Camera]:
-    """Return the cameras of a layout without a split."""
+    """Return the cameras of a scene whose layout has no split."""
     if layout == "transforms":
         return read_cameras(root / SINGLE)
     if layout == "neus":
@@ -116,6 +119,6 @@ def _read_unsplit(root: Path, layout: Layout, image_folder: str) -> list[Camera]
 
 
 def _with_lens(view: Camera, first: Camera) -> Camera:
-    """Return `view` with the intrinsics of `first`, scaled by the ratio of their sizes."""
+    """Return `view` with the intrinsics of `first`, scaled to the image size of `view`."""
     x, y = view.width / first.width, view.height / first.height
     return replace(view, fx=first.fx * x, fy=first.fy * y, cx=first.cx * x, cy=first.cy * y)

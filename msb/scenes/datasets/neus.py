@@ -19,10 +19,10 @@ from msb.scenes.image_size import image_size
 from msb.scenes.source import Source
 
 MATRICES = "cameras.npz"
-# Largest size in bytes of the file of a 4 x 4 matrix; real files have a few hundred bytes. Checked before
-# decompression.
+# Largest accepted size in bytes of the file of a 4 x 4 matrix. Real files have a few hundred bytes. Checked
+# before decompression.
 _MAX_MEMBER = 4096
-# Largest number of views that are read; DTU has 49 or 64.
+# Largest number of views that are read. DTU has 49 or 64 views.
 _MAX_VIEWS = 4096
 
 
@@ -50,7 +50,7 @@ def read_matrices(path: Path) -> tuple[list[NDArray[np.float64]], list[NDArray[n
 
 
 def _matrix(source: Source, archive: zipfile.ZipFile, name: str) -> NDArray[np.float64]:
-    """Return one matrix of the archive."""
+    """Return one matrix of the npz archive."""
     try:
         info = archive.getinfo(f"{name}.npy")
     except KeyError:
@@ -67,7 +67,7 @@ def _matrix(source: Source, archive: zipfile.ZipFile, name: str) -> NDArray[np.f
 
 
 def _numbers(stream: io.BytesIO) -> NDArray[np.float64] | None:
-    """Return the 4 x 4 numbers of a .npy; its header is checked before memory is allocated."""
+    """Return the 4 x 4 numbers of a .npy file. The header is checked before memory is allocated."""
     if np.lib.format.read_magic(stream) != (1, 0):
         return None
     shape, by_columns, dtype = np.lib.format.read_array_header_1_0(stream)
@@ -78,11 +78,11 @@ def _numbers(stream: io.BytesIO) -> NDArray[np.float64] | None:
 
 
 def read_neus(path: Path, images: Sequence[Path]) -> list[Camera]:
-    """Return a camera for each image; images are sorted by name, in the order of the matrices.
+    """Return a camera for each image. The images, sorted by name, have the order of the matrices.
 
-    Cameras are in the normalised frame. An RQ decomposition gives (world_mat_i scale_mat_i)[:3] = K [R | t],
-    where K has a positive diagonal and is then divided by K[2, 2]. The skew K[0, 1] is some tenths of a pixel
-    in DTU. The skew is dropped, because our cameras have no skew.
+    The cameras are in the normalised frame. K and [R | t] come from the RQ decomposition (world_mat_i
+    scale_mat_i)[:3] = K [R | t]. The diagonal of K is positive, and K is divided by K[2, 2]. The skew K[0, 1]
+    of DTU's cameras is a few tenths of a pixel. The skew is dropped because the camera class has no skew.
     """
     world, scale = read_matrices(path)
     source = Source(path, b"")
@@ -92,7 +92,7 @@ def read_neus(path: Path, images: Sequence[Path]) -> list[Camera]:
     cameras = []
     for index, image in enumerate(images):
         with source.locating(f"world_mat_{index}"):
-            with np.errstate(all="ignore"):  # `decompose` rejects matrices that overflowed
+            with np.errstate(all="ignore"):  # matrices may overflow, and `decompose` rejects them
                 projection = world[index] @ scale[index]
             lens, pose = decompose(projection)
             size = image_size(image)
@@ -106,14 +106,15 @@ def read_neus(path: Path, images: Sequence[Path]) -> list[Camera]:
 def decompose(projection: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the intrinsics (3, 3) and the world-to-camera matrix (4, 4) of a projection to pixels."""
     left, last = projection[:3, :3], projection[:3, 3]
-    # RQ decomposition computed by QR. With the exchange matrix J, (J M)^T = Q R gives M = (J R^T J)(J Q^T).
+    # Compute the RQ decomposition by QR. With the exchange matrix J, (J M)^T = Q R gives M = (J R^T J)(J
+    # Q^T).
     q, r = np.linalg.qr(left[::-1].T)
     lens, rotation = r.T[::-1, ::-1], q.T[::-1]
     sign = np.sign(np.diag(lens))
     lens, rotation = lens * sign, rotation * sign[:, None]
     if not (np.isfinite(lens).all() and abs(np.linalg.det(left)) > 1e-12 * np.linalg.norm(left) ** 3 > 0):
         raise SceneError("SCENE_LAYOUT", "the projection is singular; it is not the projection of a camera")
-    if np.linalg.det(rotation) < 0:  # the sign of a projection is arbitrary
+    if np.linalg.det(rotation) < 0:  # avoid a mirrored rotation
         rotation, last, left = -rotation, -last, -left
     pose = np.eye(4)
     pose[:3, :3] = rotation
@@ -122,7 +123,7 @@ def decompose(projection: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
 
 
 def _bad(source: Source, message: str) -> SceneError:
-    """Return an error about the file."""
+    """Return an error about the cameras.npz file."""
     return source.error(
         "SCENE_LAYOUT", f"{message}; it must contain world_mat_i and scale_mat_i of every view"
     )

@@ -1,4 +1,4 @@
-"""Notes about a scene: image sizes that differ from photographs, training that differs from evaluation."""
+"""Notes about a scene: unexpected image sizes, and differences between training and evaluation."""
 
 import contextlib
 import os
@@ -19,14 +19,14 @@ from msb.scenes.datasets.rules import AS_IS, Size, half_even
 from msb.scenes.datasets.scene import Scene
 from msb.scenes.image_size import image_size
 
-# A recorded image size is reported if it is at least this many times as wide as the photograph.
+# If the recorded width is at least this multiple of the photograph's width, a note is made.
 _FAR = 1.5
 
 
 def note_scaled_cameras(scenes: Iterable[Scene]) -> str | None:
     """Return a sentence about scenes whose recorded image sizes far exceed their photographs, or None.
 
-    The sentence describes the first such scene and counts the others.
+    The sentence describes the first such scene and counts the other scenes.
     """
     sentences = {scene.root: text for scene in scenes if (text := _describe_scaling(scene)) is not None}
     if not sentences:
@@ -37,7 +37,7 @@ def note_scaled_cameras(scenes: Iterable[Scene]) -> str | None:
 
 
 def _describe_scaling(scene: Scene) -> str | None:
-    """Return the sentence about one scene, or None."""
+    """Return the sentence about one scene. If the sizes are close, return None."""
     view = scene.test[0]
     recorded, used = view.source_size or (view.width, view.height), (view.width, view.height)
     stored = None if view.image_path is None else _read_size(view.image_path)
@@ -46,15 +46,15 @@ def _describe_scaling(scene: Scene) -> str | None:
     place = "" if scene.image_folder == "." else f" in {shorten(scene.image_folder, 40)}"
     return (
         f"the cameras of {shorten(scene.name, 40)} were recorded at {_format_size(recorded)} pixels, but the "
-        f"photographs{place} have {_format_size(stored)}; the cameras are scaled, and images of "
-        f"{_format_size(used)} are rendered and compared"
+        f"photographs{place} have {_format_size(stored)}; cameras are scaled, and the compared images have "
+        f"{_format_size(used)}"
     )
 
 
 def note_recorded_size(path: str | os.PathLike[str], cameras: Sequence[Camera]) -> str | None:
     """Return a sentence about a COLMAP model whose image sizes far exceed the photographs beside it, or None.
 
-    `path` is the path that was passed to `read_cameras`, and `cameras` is the result.
+    `path` is the argument of `read_cameras`, and `cameras` is the result.
     """
     view = cameras[0]
     beside = find_photographs(path, cameras)
@@ -69,16 +69,18 @@ def note_recorded_size(path: str | os.PathLike[str], cameras: Sequence[Camera]) 
 
 
 def find_photographs(path: str | os.PathLike[str], cameras: Sequence[Camera]) -> tuple[Path, Size] | None:
-    """Return the folder of the largest photographs of a COLMAP scene and their size; None without any.
+    """Return the folder with the largest photographs of a COLMAP scene, and their size.
 
-    Arguments as in `note_recorded_size`.
+    The result is None if the scene has no photographs.
+
+    The arguments are those of `note_recorded_size`.
     """
     place = given_path(path)
     model = find_model(place) if is_folder(place) else None
     if model is None:
         return None
     root = next((above.parent for above in (model, model.parent) if above.name == "sparse"), model)
-    # Sizes of the first camera's photograph in all folders images*.
+    # Read the size of the first camera's photograph in all folders images*.
     sizes: dict[Size, Path] = {}
     for folder in folders(root):
         with contextlib.suppress(MsbError):
@@ -90,7 +92,7 @@ def find_photographs(path: str | os.PathLike[str], cameras: Sequence[Camera]) ->
 
 
 def _read_size(file: Path) -> Size | None:
-    """Return the size of an image; None if it is missing or cannot be read."""
+    """Return the size of an image. If the image is missing or cannot be read, return None."""
     with contextlib.suppress(MsbError):
         return image_size(file) if is_file(file) else None
     return None
@@ -104,10 +106,10 @@ def _format_size(size: Size) -> str:
 def compare_training(
     training: Mapping[str, Any], background: Color | None, scene: Scene
 ) -> Iterator[Finding]:
-    """Yield a warning for each difference between a model's training and the evaluation on `scene`.
+    """Yield a warning for each difference between the training of a model and the evaluation on `scene`.
 
-    `training` is the section of this name in the manifest. `background` is the colour behind the training
-    images, if the asset records it.
+    `training` is the manifest's section "training". `background` is the colour behind the training images, if
+    the asset records this colour.
     """
     if training.get("eval") is False:
         yield warn_test_views()
@@ -125,28 +127,28 @@ def compare_training(
 def warn_test_views() -> Finding:
     """Return the warning about a model that was trained on all views."""
     return _warn_training(
-        "it was trained on the test views (eval=False); results on these are not comparable"
+        "the model was trained on the test views (eval=False); results on test views are not comparable"
     )
 
 
 def warn_unknown_split() -> Finding:
-    """Return the warning about a model that does not record which views its training held out."""
+    """Return the warning about a model that does not record its held-out views."""
     return _warn_training(
-        "its training does not record which views it held out; if it saw the test views, its results are too "
-        "good"
+        "its training does not record which views were held out; if test views were used for training, "
+        "results are too good"
     )
 
 
 def warn_background(background: Color, drawn: Color) -> Finding:
-    """Return the warning about a model rendered over another background than in its training."""
+    """Return the warning for a model whose training had another background."""
     return _warn_training(
-        f"it was trained over {color_name(background)} and is rendered over {color_name(drawn)}; "
-        "wherever the background is visible, it differs from the photographs"
+        f"the model was trained over {color_name(background)} and is rendered over {color_name(drawn)}; "
+        "visible background differs from the photographs"
     )
 
 
 def _warn_training(text: str) -> Finding:
-    """Return a warning about the training."""
+    """Return a warning about the training of the model."""
     return finding("CHECKPOINT_CONFIG", text, severity="warning")
 
 
@@ -155,9 +157,10 @@ def _training_size(training: Mapping[str, Any], scene: Scene) -> Size | None:
     if "width" in training and "height" in training:
         return training["width"], training["height"]
     view, folder = scene.test[0], training.get("images")
-    if folder in (None, "..") or scene.layout != "colmap":  # other layouts ignore the folder
+    if folder in (None, "..") or scene.layout != "colmap":  # only this layout has image folders
         return None
-    # Size of the stored photographs. If the folder images_N is missing, use the size in the published folder.
+    # Read the size of the stored photographs. If the folder images_N is missing, use the published size of
+    # its images.
     stored: Size | None = None
     with contextlib.suppress(MsbError):
         stored = image_size(SpelledFiles(scene.root / folder).find(str(view.name)))

@@ -1,4 +1,4 @@
-"""The photographs of a scene: which files are used, their sizes, and their masks."""
+"""The photographs of a scene: the files that are used, their sizes, and their masks."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,11 +21,11 @@ MASKS = "mask"
 MASK_FOLDER = "masks"
 # Pillow's modes of photographs: 8 bits per channel, with or without alpha.
 PHOTOGRAPH_MODES = ("RGB", "RGBA", "L", "LA")
-# Pillow's format -> name of the kinds of images that are read to be converted only.
+# Image formats that must be converted before use (Pillow's name, readable name).
 _OTHER_KINDS = {"WEBP": "WebP", "AVIF": "AVIF", "HEIF": "HEIC"}
-# EXIF orientations from this one on swap width and height.
+# EXIF orientations of at least this value swap width and height.
 _FIRST_SWAP = 5
-# Missing photographs that a message names, and how many of them with a file of almost the same name.
+# Maximum number of missing photographs in a message, and maximum number of similar file names in a message.
 _MAX_NAMES, _MAX_HINTS = 4, 2
 # Tolerated difference in pixels between the heights of a photograph and its camera, scaled to equal width.
 _ROUNDED_AWAY = 1.5
@@ -41,13 +41,13 @@ def choose_photographs(
     resolution: int | None,
     warnings: list[Finding],
 ) -> tuple[Photographs, Rounding]:
-    """Return which photographs of the scene at `root` are used, and how their size is rounded.
+    """Return which photographs of the scene at `root` are used, and how their sizes are rounded.
 
-    The rules give the defaults, and the caller's arguments replace them. Another folder can take the place of
-    a missing one. Notes for the user are appended to `warnings`.
+    The caller's arguments replace the defaults of the rules. If the folder of photographs is missing, another
+    folder may be used. Notes for the user are appended to `warnings`.
     """
-    # Rule of the dataset and, for Mip-NeRF 360, of the group of scenes. Unknown scenes use the rule of the
-    # first group.
+    # Find the rule of the dataset. Mip-NeRF 360 has a rule for each group of scenes. Unknown scenes use the
+    # rule of the first group.
     group = ""
     if dataset in DATASETS:
         scenes = DATASETS[dataset].scenes
@@ -64,7 +64,7 @@ def choose_photographs(
     folder = image_folder or ("." if layout in ("blender", "transforms") else rule.folder)
     rounding = rules.rounding
     wanted = rule.resolution if resolution is None else resolution
-    # If the folder is missing, the rules may name another one and a divisor for it.
+    # If the folder is missing, the rules may name another folder and a divisor.
     if not is_folder(root / folder):
         if image_folder is not None or rule.instead is None or not is_folder(root / rule.instead[0]):
             raise _missing_folder(root, folder)
@@ -77,7 +77,7 @@ def choose_photographs(
 
 
 def _missing_folder(root: Path, folder: str) -> SceneError:
-    """Return the error about a missing folder of photographs, with the names of existing ones."""
+    """Return the error about a missing folder of photographs, with the names of existing folders."""
     existing = [child.name for child in folders(root) if images_in(child)]
     text = f"photographs are expected in {shorten(folder, 60)}, which does not exist"
     if existing:
@@ -89,10 +89,11 @@ def _missing_folder(root: Path, folder: str) -> SceneError:
 def locate_photographs(
     root: Path, layout: Layout, views: Sequence[Camera], folder: str, *, is_requested: bool
 ) -> list[Camera]:
-    """Return the views with the paths of their photographs, which need not exist.
+    """Return the views with the paths of their photographs. The files may be missing.
 
-    Names are below `folder`. In JSON files they begin with a folder themselves; a requested folder such as
-    images_2 takes its place unless the names are found below it.
+    Names of photographs are relative to `folder`. In JSON files, the name of a photograph begins with a
+    folder. A requested folder such as images_2 replaces this first folder. If a photograph with its full name
+    exists below the requested folder, the full name is used.
     """
     files = SpelledFiles(root / folder)
     located = [replace(view, image_path=files.find(str(view.name))) for view in views]
@@ -112,10 +113,10 @@ def _has_photograph(view: Camera) -> bool:
 def check_missing(
     root: Path, views: Sequence[Camera], warnings: list[Finding], *, are_left_out: bool
 ) -> None:
-    """Report views without a photograph: as an error if too many are missing, else as a warning.
+    """Report views without a photograph: raise an error if too many are missing, else add a warning.
 
-    If they are left out, one photograph is enough. Else test views, and one view of each recorded size, must
-    have one.
+    If `are_left_out` is true, one view with a photograph is enough. Without `are_left_out`, all test views
+    and one view of each recorded size must have a photograph.
     """
     missing = [view for view in views if not _has_photograph(view)]
     if not missing:
@@ -124,7 +125,7 @@ def check_missing(
     needed = [view for view in missing if view.split == "test" or (view.width, view.height) not in sizes]
     is_error = not sizes if are_left_out else bool(needed)
     reported = needed if is_error and needed else missing
-    # Name the first photographs, and files whose names differ by their suffix or by upper and lower case.
+    # List the first missing photographs. Also list files with a similar name, which differ by suffix or case.
     names = []
     alike = 0
     for number, view in enumerate(reported[:_MAX_NAMES]):
@@ -143,7 +144,7 @@ def check_missing(
 
 
 def _find_near_miss(view: Camera) -> str | None:
-    """Return a file beside a missing photograph whose name differs by suffix or case only."""
+    """Return a file with the name of a missing photograph except for suffix or case."""
     assert view.image_path is not None
     wanted = view.image_path
     beside = images_in(wanted.parent)
@@ -154,10 +155,11 @@ def _find_near_miss(view: Camera) -> str | None:
 
 @dataclass(frozen=True)
 class StoredPhotographs:
-    """The photographs of the views: their size after turning and undistortion, and how each is read.
+    """The photographs of the views: the steps for reading each photograph, and its final size.
 
-    `views` are pinhole cameras: of the size of the photograph if it is undistorted, else of the recorded
-    size. `sizes` has an item for each view, `readings` only for views whose photographs are changed.
+    `views` are pinhole cameras. A view has the size of its undistorted photograph. If the photograph is
+    missing, the view has the recorded size. `sizes` has an entry for each view. `readings` has an entry only
+    for views whose photographs are changed.
     """
 
     views: list[Camera]
@@ -168,10 +170,11 @@ class StoredPhotographs:
 def inspect_photographs(
     root: Path, views: Sequence[Camera], warnings: list[Finding], *, converts: bool
 ) -> StoredPhotographs:
-    """Read the headers of the photographs, and return how they are read.
+    """Read the headers of the photographs, and return how each photograph is read.
 
-    Photographs of cameras with one recorded size must have one size; missing ones are assumed to have it.
-    `converts` accepts kinds of images that cannot be compared as they are.
+    If cameras have equal recorded sizes, their photographs must have equal sizes. A missing photograph gets
+    the size of the other photographs. If `converts` is true, formats that must first be converted are
+    accepted.
     """
     sizes: dict[Size, tuple[Size, Camera]] = {}
     turned: dict[str, int] = {}
@@ -181,7 +184,7 @@ def inspect_photographs(
             continue
         header, record = read_header(view.image_path), (view.width, view.height)
         _check_kind(root, view.image_path, header, converts=converts)
-        # Apply the orientation if the recorded size asks for it.
+        # Apply the EXIF orientation if the recorded size requires it.
         size, verdict = _choose_orientation(header, record)
         if verdict is not None:
             verdicts.setdefault((verdict, header.orientation), []).append(view)
@@ -195,12 +198,12 @@ def inspect_photographs(
             )
             raise SceneError("SCENE_IMAGE", text, file=view.image_path)
     warnings += [_note_orientation(*key, group) for key, group in verdicts.items()]
-    # Compare the aspect ratios of photographs and cameras.
+    # Compare the aspect ratio of each photograph with its camera.
     for record, (size, first) in sizes.items():
         if not _fits(size, record):
             text = (
-                f"it has {size[0]} x {size[1]} pixels, but its camera {record[0]} x {record[1]}, another "
-                "aspect ratio; the recorded angles of view are kept"
+                f"it has {size[0]} x {size[1]} pixels, but its camera has {record[0]} x {record[1]}; "
+                "the aspect ratios differ, and the recorded angles of view are kept"
             )
             warnings.append(finding("SCENE_IMAGE", text, severity="warning", file=str(first.image_path)))
     # Undistorted photographs have the size of their pinhole camera.
@@ -216,7 +219,7 @@ def inspect_photographs(
 
 
 def _check_kind(root: Path, path: Path, header: ImageHeader, *, converts: bool) -> None:
-    """Raise SCENE_IMAGE for a kind of image that renderings are not compared with."""
+    """Raise SCENE_IMAGE for an image format that cannot be compared with renderings."""
     if header.mode not in PHOTOGRAPH_MODES:
         text = f"it has the pixel format {header.mode}; convert it to an 8-bit RGB or RGBA image"
         raise SceneError("SCENE_IMAGE", text, file=path)
@@ -228,10 +231,11 @@ def _check_kind(root: Path, path: Path, header: ImageHeader, *, converts: bool) 
 
 
 def _choose_orientation(header: ImageHeader, record: Size) -> tuple[Size, str | None]:
-    """Return the size of a photograph as it is read, and the verdict on its EXIF orientation.
+    """Return the final image size of a photograph, and whether its EXIF orientation is applied.
 
-    COLMAP records the size of the pixels as stored. Other programs record the size of the turned image. The
-    verdict is "applied", "as stored" or "undecided", or None without an orientation.
+    COLMAP records the size of the pixels as stored, without the EXIF orientation. Other programs record the
+    image size after applying the EXIF orientation. The decision is "applied", "as stored", "undecided", or
+    None for a photograph without an orientation.
     """
     size, turned = header.size, header.size[::-1]
     if header.orientation == 1:
@@ -242,16 +246,16 @@ def _choose_orientation(header: ImageHeader, record: Size) -> tuple[Size, str | 
 
 
 def _fits(size: Size, record: Size) -> bool:
-    """Return whether a photograph has the aspect ratio of its recorded camera."""
+    """Return whether a photograph has the same aspect ratio as its recorded camera."""
     return abs(size[1] - record[1] * size[0] / record[0]) <= _ROUNDED_AWAY
 
 
 def _note_orientation(verdict: str, orientation: int, views: Sequence[Camera]) -> Finding:
-    """Return the note about the EXIF orientation of some photographs."""
+    """Return a note that states whether the EXIF orientation of photographs was applied."""
     count = f"{len(views)} photograph{'s' if len(views) > 1 else ''}"
     width, height = views[0].width, views[0].height
     recorded = f"because the cameras were recorded at {width} x {height} pixels"
-    undecided = "is not applied; the recorded size of the cameras does not decide whether it should be"
+    undecided = "is not applied; the recorded camera size does not determine the orientation"
     ends = {"applied": f"is applied, {recorded}", "as stored": f"is not applied, {recorded}"}
     text = f"the EXIF orientation {orientation} of {count} {ends.get(verdict, undecided)}"
     severity: Severity = "warning" if verdict == "undecided" else "info"
@@ -265,7 +269,10 @@ def count_missing(views: Sequence[Camera]) -> dict[str, int]:
 
 
 def _count_by_split(missing: Sequence[Camera], views: Sequence[Camera]) -> str:
-    """Return "1 of 9 test and 16 of 58 training photographs"; a complete split is left out."""
+    """Return a count such as "1 of 9 test and 16 of 58 training photographs".
+
+    The text omits a split without missing photographs.
+    """
     parts = []
     for split, title in (("test", "test"), ("train", "training")):
         count, total = (sum(view.split == split for view in some) for some in (missing, views))
@@ -281,10 +288,10 @@ def find_masks(
     image_folder: str,
     warnings: list[Finding],
 ) -> tuple[MaskSource | None, Mapping[str, Path]]:
-    """Return the kind of masks of the photographs, and for mask files camera name -> file.
+    """Return the kind of masks. For mask files, also return the file of each camera name.
 
-    An alpha channel takes precedence over files. `paths` are the masks that transforms.json names. Captures
-    outside the masked datasets may have no masks.
+    An alpha channel takes precedence over mask files. `paths` are the mask files that transforms.json names.
+    Only scenes of masked datasets, such as DTU, need masks.
     """
     shot = {str(v.name): v.image_path for v in views if v.image_path is not None and _has_photograph(v)}
     tests = {
@@ -315,10 +322,10 @@ def _find_mask_files(
     image_folder: str,
     warnings: list[Finding],
 ) -> tuple[MaskSource | None, Mapping[str, Path]]:
-    """Return the masks of a capture by their names; a few views may lack one.
+    """Find the masks of a capture by their names. A few views may lack a mask.
 
-    The mask of images/a.jpg is called masks/a.jpg, masks/a.jpg.png (as COLMAP names it) or masks/a.png; of
-    images_2/a.jpg it may also be in masks_2.
+    The mask of images/a.jpg is called masks/a.jpg, masks/a.jpg.png (as in COLMAP) or masks/a.png. The mask of
+    images_2/a.jpg may also be in masks_2.
     """
     files = SpelledFiles(root)
     masks: dict[str, Path] = {}
@@ -352,7 +359,7 @@ def _find_mask_files(
 
 
 def _check_mask(mask: Path, size: Size) -> None:
-    """Raise SCENE_IMAGE if a mask has another aspect ratio than its photograph, stored or turned."""
+    """Raise SCENE_IMAGE if a mask has another aspect ratio than its photograph. The mask may be rotated."""
     stored = read_header(mask).size
     if not (_fits(stored, size) or _fits(stored, size[::-1])):
         text = f"it has {stored[0]} x {stored[1]} pixels, but its photograph {size[0]} x {size[1]}"
@@ -360,7 +367,7 @@ def _check_mask(mask: Path, size: Size) -> None:
 
 
 def _pair_masks(root: Path, photographs: Mapping[str, Path], masks: Sequence[Path]) -> dict[str, Path]:
-    """Return the mask of each camera by name; photographs and masks have the same order when sorted."""
+    """Return the mask of each camera by name. Photographs and masks have the same order when sorted."""
     folder = next(iter(photographs.values())).parent
     number = {image: index for index, image in enumerate(images_in(folder))}
     if len(number) != len(masks) or not number.keys() >= set(photographs.values()):

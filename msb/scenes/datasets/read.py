@@ -32,7 +32,7 @@ from msb.scenes.datasets.scene import MaskSource, Scene
 from msb.scenes.datasets.splits import SplitViews, check_split, read_mask_paths, split_views
 from msb.scenes.image_size import read_header
 
-# Distance in pixels that gs_fov may move the principal point without a warning.
+# If gs_fov moves the principal point by more than this distance in pixels, a warning is given.
 MAX_SHIFT = 0.5
 
 
@@ -55,31 +55,32 @@ def read_scene(
         The scene's folder.
     dataset : str, optional
         An id of `DATASETS`, or any other name for another capture, which is read by the rules of "custom".
-        Default: recognised by the names of the folder and its parent, together with the names and recorded
-        sizes of the photographs.
+        Default: the dataset is recognised by the names of the folder and its parent, and by the names and
+        recorded sizes of the photographs.
     image_folder : str, optional
-        The folder below the scene to use instead of the rules' folder.
+        The subfolder with photographs to use instead of the folder in the rules.
     resolution : int, optional
         The resolution, instead of the rules' value, with the meaning of ``-r`` in the 3DGS family: 1, 2, 4 or
         8 divide the size, -1 keeps photographs up to 1600 pixels wide, any other number is a width in pixels.
     camera_convention : {"gs_fov", "full_K"}, optional
         "gs_fov" uses the recorded angles of view and a principal point in the middle; "full_K" uses the
-        recorded principal point. It must be the convention that the checkpoint was trained with
-        (`RULES[method].convention`). Default: the convention of the rules, which is "full_K" for ours.
+        recorded principal point. Use the convention of the checkpoint's training
+        (`RULES[method].convention`). Default: the convention of the rules; our rules use "full_K".
     background : (float, float, float), optional
-        The background colour in [0, 1]. Default: white for masked datasets, else the rules' background, black
-        for ours. `evaluation_background` returns the benchmark's background for a method.
+        The background colour in [0, 1]. Default: white for masked datasets, else the background of the rules;
+        our rules use black. Use `evaluation_background` for the benchmark's background of a method.
     rules : str
         A key of `RULES`: "ours", or a method, to read the scene like its official code.
     converts : bool
-        Accept photographs that are only read to be converted: grey, WebP, AVIF and HEIC images.
+        Also accept photographs that need conversion: grey, WebP, AVIF and HEIC images.
 
     Returns
     -------
     Scene
-        The scene. Only the headers of photographs are read; `msb.metrics.ground_truth` turns, undistorts and
-        masks them. Views without a photograph are left out before the split, with a warning. In scenes of
-        the benchmark they stay, and test photographs must exist.
+        The scene. Only the headers of photographs are read. Rotating, undistorting and masking is done by
+        `msb.metrics.ground_truth`. In captures outside the benchmark, views without a photograph are removed
+        with a warning, before the views are split. Scenes of the benchmark keep such views, but all their
+        test photographs must exist.
 
     Raises
     ------
@@ -99,7 +100,8 @@ def read_scene(
     warnings: list[Finding] = []
     key = dataset or _recognise(root, layout, warnings)
     color = evaluation_background(key) if rules == OURS else by.background_of(key)
-    # Choose the folder of the photographs, read the recorded cameras, and split them.
+    # Choose the folder of the photographs, read the recorded cameras, and split the cameras into training and
+    # test views.
     chosen, how = choose_photographs(root, key, layout, root_name(root), by, image_folder, wish, warnings)
     every = _locate_views(root, layout, by, chosen.folder, is_requested=image_folder is not None)
     warnings += note_models(root, layout)
@@ -113,18 +115,18 @@ def read_scene(
             views = split([view for view in every if count_missing([view]) == count_missing([])])
     warnings += views.notes
     check_split(root, views.views)
-    # Find how photographs are turned, undistorted and masked.
+    # Find how photographs are rotated, undistorted and masked.
     stored = inspect_photographs(root, views.views, warnings, converts=converts)
     masks: tuple[MaskSource | None, Mapping[str, Path]] = (None, {})
     if chosen.compositing != "none":
         paths = {} if key in DATASETS else read_mask_paths(root, layout)
         masks = find_masks(root, key, views.views, paths, chosen.folder, warnings)
-    # Resize the cameras to the evaluated size of their photographs.
+    # Resize the cameras to the evaluated size of the photographs.
     is_divided = wish is None and set(stored.sizes) == {chosen.divided_size}
     ratio = 1 if is_divided else chosen.resolution
     sizes = [ROUNDINGS[how](size, ratio) for size in stored.sizes]
     cameras = [view.resized(*size) for view, size in zip(stored.views, sizes, strict=True)]
-    # Like the 3DGS family, move the principal point to the middle; warn if the move is visible.
+    # Move the principal point to the middle, as the 3DGS family does. Warn if the move is visible.
     if convention == "gs_fov":
         warnings += _warn_shift(root, cameras)
         cameras = [camera.centered() for camera in cameras]
@@ -155,19 +157,22 @@ def read_scene(
 
 
 def _split(root: Path, layout: Layout, key: str, by: Rules, views: Sequence[Camera]) -> SplitViews:
-    """Split the views of a scene; only our rules use recorded splits of captures outside the benchmark."""
+    """Split the views of a scene.
+
+    Outside the benchmark, only our rules use a recorded split.
+    """
     is_fixed = key in DATASETS or by is not RULES[OURS]
     return split_views(root, layout, views, by_name=by.order == "name", is_benchmark=is_fixed)
 
 
 def _locate_views(root: Path, layout: Layout, by: Rules, folder: str, *, is_requested: bool) -> list[Camera]:
-    """Return the recorded cameras of a scene, each with the path of its photograph."""
+    """Return the recorded cameras of a scene. Each camera has the path of its photograph."""
     views = read_views(root, layout, by, folder)
     return locate_photographs(root, layout, views, folder, is_requested=is_requested)
 
 
 def scene_of_cameras(folder: Path, cameras: Sequence[Camera]) -> Scene:
-    """Return a capture whose photographs lie in `folder`; all views are training views at their full size."""
+    """Return a capture from a folder of photographs. All views are training views at their full size."""
     warnings: list[Finding] = []
     located = locate_photographs(folder, "colmap", cameras, ".", is_requested=False)
     views = [replace(view, split="train") for view in located]
@@ -201,9 +206,9 @@ def missing_photographs(
     rules: str = OURS,
     **_others: Any,
 ) -> dict[str, int]:
-    """Return how many training and test photographs are missing, also for a scene that is rejected.
+    """Count missing training and test photographs, even for a scene that is rejected.
 
-    It takes the parameters of `read_scene`, and raises the same errors about cameras and folders.
+    The parameters are those of `read_scene`. Errors about cameras and folders are also the same.
     """
     root = given_path(path)
     layout, by = _require_layout(root), rules_of(rules)
@@ -220,7 +225,10 @@ def missing_photographs(
 
 
 def note_models(root: Path, layout: Layout) -> list[Finding]:
-    """Return a note if the folder `sparse` has several COLMAP models. Only the largest model is read."""
+    """Return a note if the folder `sparse` has several COLMAP models.
+
+    Only the largest model in `sparse` is read.
+    """
     models = list_models(root) if layout == "colmap" else []
     if len(models) < 2:
         return []
@@ -241,8 +249,9 @@ def dataset_of(path: str | os.PathLike[str]) -> str:
 def _recognise(root: Path, layout: Layout, warnings: list[Finding]) -> str:
     """Return the dataset of a scene, or `CUSTOM`.
 
-    A dataset is suggested by the name of the scene or of the folder above, and confirmed by the names and
-    recorded sizes of the photographs. A note is added to `warnings` if they do not confirm it.
+    The name of the scene or of its parent folder suggests a dataset. The names and recorded sizes of the
+    photographs confirm the dataset. If the photographs do not confirm the dataset, a note is added to
+    `warnings`.
     """
     place = _absolute_path(root)
     suggested: dict[str, bool] = {}
@@ -252,7 +261,7 @@ def _recognise(root: Path, layout: Layout, warnings: list[Finding]) -> str:
         return CUSTOM
     try:
         views = read_views(root, layout, RULES[OURS], "images")
-    except MsbError:  # reading the scene reports the error
+    except MsbError:  # ignore this error, because `read_scene` raises it later
         return next(iter(suggested))
     names = [str(view.name) for view in views]
     sizes = {(view.width, view.height) for view in views}
@@ -263,15 +272,15 @@ def _recognise(root: Path, layout: Layout, warnings: list[Finding]) -> str:
             return key
     key = next(iter(suggested))
     text = (
-        f"its name is that of a {DATASETS[key].title} scene, but its photographs have other names or sizes; "
-        f"it is read as another capture. Pass --dataset {key} to apply the rules of the benchmark"
+        f"this folder has the name of a {DATASETS[key].title} scene, but other photographs; "
+        f"its scene is read as another capture. Pass --dataset {key} to apply the rules of the benchmark"
     )
     warnings.append(finding("SCENE_UNKNOWN", text, severity="info", file=str(root)))
     return CUSTOM
 
 
 def _is_masked(root: Path, layout: Layout, view: Camera) -> bool:
-    """Return whether the photograph of a view has an alpha channel, or the scene a folder of masks."""
+    """Return whether the photograph of a view has an alpha channel, or the scene has a folder of masks."""
     if is_folder(root / MASKS):
         return True
     folder = "." if layout == "blender" else "images"
@@ -286,16 +295,16 @@ def root_name(root: Path) -> str:
 
 
 def _absolute_path(root: Path) -> Path:
-    """Return the absolute path; links are not followed, so the names stay as given."""
+    """Return the absolute path without following links."""
     return Path(os.path.abspath(root))  # noqa: PTH100 - resolve() would follow links
 
 
 def _require_layout(root: Path) -> Layout:
-    """Return the layout of a scene's folder; raise an error if it is not a scene."""
+    """Return the layout of a scene's folder. If the folder is not a scene, raise an error."""
     check_folder(root)
     layout = find_layout(root)
     if layout is None:
-        scenes = find_scenes(root)  # raises an error if the folder contains no scenes either
+        scenes = find_scenes(root)  # raises an error if the folder contains no scenes
         names = ", ".join(scene.relative_to(root).as_posix() for scene in scenes[:4])
         text = f"it is not a scene but contains {len(scenes)}: {shorten(names)}; pass one of them"
         raise SceneError("SCENE_LAYOUT", text, file=root)
@@ -303,7 +312,7 @@ def _require_layout(root: Path) -> Layout:
 
 
 def rules_of(name: str) -> Rules:
-    """Return the rules of this name."""
+    """Return the dataset rules with this name."""
     if name not in RULES:
         text = f"rules {shorten(repr(name), 40)} do not exist; choose one of {', '.join(RULES)}"
         raise SceneError("SCENE_ARGUMENT", text)
@@ -311,7 +320,7 @@ def rules_of(name: str) -> Rules:
 
 
 def _check_color(values: Sequence[float]) -> Color:
-    """Return the background as a colour; each channel must be from 0 to 1."""
+    """Return the background as a colour. Each channel must be from 0 to 1."""
     if len(values) != 3 or not all(0 <= value <= 1 for value in values):
         text = f"the background is {shorten(repr(values), 60)}; it must be red, green and blue from 0 to 1"
         raise SceneError("SCENE_ARGUMENT", text)
@@ -325,15 +334,15 @@ def _warn_shift(root: Path, cameras: Sequence[Camera]) -> list[Finding]:
     if far <= MAX_SHIFT:
         return []
     text = (
-        f"gs_fov moves the recorded principal point by up to {far:.1f} pixels to the middle of the image; "
-        "models trained with the recorded point need full_K: pass --camera-convention full_K"
+        f"gs_fov moves the recorded principal point by up to {far:.1f} pixels to the middle of the image. If "
+        f"the model was trained with the recorded point, pass --camera-convention full_K"
     )
     return [finding("SCENE_PRINCIPAL_POINT", text, severity="warning", file=str(root), value=far)]
 
 
 @dataclass(frozen=True)
 class SceneAt:
-    """A scene for the evaluation of a method: arguments of `read_scene`, and its name in the results."""
+    """A scene for evaluating a method: arguments of `read_scene`, and the scene's name in the results."""
 
     dataset: str
     name: str
@@ -345,7 +354,7 @@ class SceneAt:
 
     @lru_cache(maxsize=8)  # noqa: B019 - at most eight scenes stay in memory
     def read(self) -> Scene:
-        """Return the scene; recently read scenes are cached."""
+        """Return the scene. Recently read scenes are cached."""
         return read_scene(**{key: value for key, value in vars(self).items() if key != "name"})
 
 
@@ -360,11 +369,11 @@ def scene_at(
     background: Color | None = None,
     camera_convention: Convention | None = None,
 ) -> SceneAt:
-    """Return how a method is evaluated on a scene, without reading its folder.
+    """Describe the evaluation of a method on a scene without reading the scene's folder.
 
-    `official_background` is the background of the method's official evaluation, if the model records it. The
-    last four arguments override the rules, as in `read_scene`. By default the size follows our rules, the
-    camera convention is the one of the method's training, and the background is `evaluation_background`.
+    `official_background` is the background in the method's official evaluation, if the model records one. The
+    last four arguments override the rules, as in `read_scene`. By default, our rules define the size, the
+    method's training defines the camera convention, and `evaluation_background` returns the background.
     """
     return SceneAt(
         dataset=dataset,
@@ -386,7 +395,7 @@ def scene_of(
     resolution: int | None = None,
     camera_convention: Convention | None = None,
 ) -> Scene:
-    """Return the scene in a folder as it is used to evaluate a model's method; raises like `read_scene`."""
+    """Return a scene prepared to evaluate the method of a model. The errors are those of `read_scene`."""
     place = given_path(path)
     notes: list[Finding] = []
     at = scene_at(

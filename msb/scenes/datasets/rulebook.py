@@ -25,7 +25,10 @@ _OURS = Rules(
 
 
 class _EveryRules(Mapping[str, Rules]):
-    """Our rules and the rules declared by methods, looked up on access."""
+    """Our rules, and the rules declared by methods.
+
+    The rules of a method are imported when they are first used.
+    """
 
     def __getitem__(self, name: str) -> Rules:
         rules = _OURS if name == OURS else METHODS[name].rules
@@ -48,9 +51,9 @@ RULES: Mapping[str, Rules] = _EveryRules()
 def evaluation_background(dataset: str, method: str | None = None, recorded: Color | None = None) -> Color:
     """Return the background of a model in the benchmark.
 
-    Masked datasets are evaluated over white for every method. On other datasets the model keeps its
-    `recorded` background, which is that of its official evaluation. Without a record, the method's background
-    is used, or black.
+    Masked datasets are evaluated over a white background for every method. On other datasets, a model is
+    evaluated over the `recorded` background of its official evaluation. If the model records no background,
+    the method's background is used, or black.
     """
     fixed = DATASETS[dataset].background if dataset in DATASETS else None
     return fixed or recorded or RULES.get(method or OURS, RULES[OURS]).background_of(dataset)
@@ -62,8 +65,10 @@ def stated_background(manifest: Manifest) -> Color | None:
 
 
 def default_background(manifest: Manifest) -> Color:
-    """Return the default background of a model: the asset's, else its method's, else black.
+    """Return the background of the asset.
 
-    All commands and the Python interface use this background if neither the user nor a dataset chooses one.
+    If the asset records none, return the method's background, or black.
+
+    All commands and the Python interface use this background, unless the user or a dataset chooses another.
     """
     return evaluation_background(CUSTOM, manifest.method, stated_background(manifest))

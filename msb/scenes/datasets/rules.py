@@ -1,11 +1,11 @@
-"""Rules of loaders: their choice of photographs, image sizes, cameras and backgrounds.
+"""Rules for reading scenes: the choice of photographs, image sizes, cameras and backgrounds.
 
-"ours" is the benchmark's rule for all methods. All other rules describe the official code of a method, which
-declares them (`msb.registry`). These rules serve to list deviations and to reproduce official numbers.
-docs/datasets.md prints the rules as a table.
+The rules called "ours" apply to all methods of the benchmark. All other rules describe the official code of a
+method, and the method's package declares them (`msb.registry`). The official rules serve to list deviations
+and to reproduce published numbers. The page docs/datasets.md prints all rules as a table.
 
-A `resolution` has the meaning of ``-r`` in the 3DGS family: 1, 2, 4 or 8 divides the size, -1 reduces only
-very large photographs, and any other number is a width in pixels.
+A `resolution` has the meaning of ``-r`` in the 3DGS family. The values 1, 2, 4 and 8 divide the size, and -1
+reduces only very large photographs. Any other number is a width in pixels.
 """
 
 import math
@@ -21,18 +21,18 @@ from msb.scenes.datasets.catalog import CUSTOM, DATASETS
 Convention = Literal["gs_fov", "full_K"]
 CONVENTIONS: tuple[Convention, ...] = ("gs_fov", "full_K")
 Compositing = Literal["before_resize", "after_resize", "none"]
-# Width and height in pixels.
+# Width and height of an image in pixels.
 Size = tuple[int, int]
 Rounding = Literal["half_even", "floor", "half_up"]
 AS_IS = -1
-# Larger photographs are reduced to this width in pixels if no resolution is requested.
+# Without a requested resolution, larger photographs are reduced to this width in pixels.
 LARGEST = 1600
 _DIVISORS = (1, 2, 4, 8)
 
 
 @dataclass(frozen=True)
 class Photographs:
-    """The photographs of a dataset: which files are used, and how they are processed.
+    """The photographs of a dataset: the files that are used, and their processing.
 
     Attributes
     ----------
@@ -42,11 +42,11 @@ class Photographs:
     compositing : Compositing
         When a masked photograph is composited over the background; "none" ignores the mask.
     instead : (str, int), optional
-        The folder and divisor to use if `folder` does not exist; sizes are then rounded like in the
-        published folder.
+        The substitute folder and divisor if `folder` does not exist; sizes are rounded like in the published
+        folder.
     divided_size : (int, int), optional
-        The size of the published photographs after the division. Copies that already have it are used as
-        they are.
+        The size of the published photographs after the division. Photographs that already have this size are
+        not resized.
     """
 
     folder: str = "images"
@@ -58,15 +58,15 @@ class Photographs:
 
 @dataclass(frozen=True)
 class Rules:
-    """How one loader reads datasets.
+    """The rules of one loader for reading datasets.
 
     Attributes
     ----------
     title, source : str
         The loader's name, and the source of its rules (owner/repo: path).
     convention : Convention
-        The camera the method is trained with. "gs_fov": recorded angles of view, principal point in the
-        middle. "full_K": recorded principal point.
+        The camera convention of the method's training. "gs_fov" uses the recorded angles of view and a
+        principal point in the middle. "full_K": recorded principal point.
     rounding : Rounding
     resampling : {"bicubic", "bilinear"}
         Pillow's filters, both antialiased.
@@ -77,10 +77,10 @@ class Rules:
     quantized : bool
         Whether the ground truth is rounded to 8 bits before it is compared.
     photographs : mapping
-        Dataset, or dataset/group -> `Photographs`. The loader does not support datasets without an entry.
+        Dataset, or dataset/group -> `Photographs`. Datasets without an entry are not supported by the loader.
     backgrounds : mapping
-        Dataset -> background of the model in the method's official evaluation; "" stands for all other
-        datasets.
+        The background of the model in the method's official evaluation, by dataset. The key "" covers all
+        other datasets.
     """
 
     title: str
@@ -95,7 +95,10 @@ class Rules:
     backgrounds: Mapping[str, Color] = field(default_factory=lambda: {"": BLACK})
 
     def photographs_of(self, dataset: str, group: str = "") -> Photographs | None:
-        """Return the rule for a group of a dataset's scenes; None if the dataset is not supported."""
+        """Return the rule for the photographs of a dataset, or of a group of its scenes.
+
+        If the loader does not support the dataset, the result is None.
+        """
         key = dataset if dataset in DATASETS else CUSTOM
         return self.photographs.get(f"{key}/{group}") or self.photographs.get(key)
 
@@ -104,7 +107,7 @@ class Rules:
         return self.backgrounds.get(dataset, self.backgrounds[""])
 
 
-# Photographs used by all code derived from 3DGS.
+# Photographs used by all code derived from 3DGS, for each dataset.
 FAMILY: Mapping[str, Photographs] = {
     "mipnerf360/outdoor": Photographs("images_4"),
     "mipnerf360/indoor": Photographs("images_2"),
@@ -114,8 +117,8 @@ FAMILY: Mapping[str, Photographs] = {
     CUSTOM: Photographs(),
 }
 
-# Photographs used by such code if its scripts name no folder: for Mip-NeRF 360 the originals, reduced to
-# `LARGEST`.
+# Photographs that are used if a script of code derived from 3DGS names no folder. For Mip-NeRF 360, the
+# original photographs are reduced to `LARGEST`.
 FULL_SIZE: Mapping[str, Photographs] = {
     **FAMILY,
     "mipnerf360/outdoor": Photographs(),
@@ -135,10 +138,10 @@ def check_resolution(resolution: int) -> int:
 
 
 def half_even(size: Size, resolution: int) -> Size:
-    """Return the size after resizing in the 3DGS family, Triangle-Splatting, MeshSplatting and 2DGS.
+    """Return the image size after resizing in the 3DGS family, Triangle-Splatting, MeshSplatting and 2DGS.
 
-    A divided side is rounded half to even. If a width is requested, sides are truncated. At -1 only widths
-    above `LARGEST` are reduced.
+    For the resolutions 2, 4 and 8, sides are rounded half to even. If a width is requested, fractions of a
+    pixel are truncated. At resolution -1, only photographs wider than `LARGEST` are reduced.
 
     Source: `graphdeco-inria/gaussian-splatting`: utils/camera_utils.py (`loadCam`).
     """
@@ -152,12 +155,12 @@ def half_even(size: Size, resolution: int) -> Size:
 
 
 def floor(size: Size, resolution: int) -> Size:
-    """Return the size after resizing in 2DTS.
+    """Return the image size after resizing in 2DTS.
 
-    Sides are truncated. At -1 the longer side is at most `LARGEST`.
+    Sides are truncated. At resolution -1, the longer side is at most `LARGEST`.
 
-    Source: `GaodeRender/triangle-splatting`: the datasets' `target_res`. This method's code does not support
-    widths, so widths follow the rule of the 3DGS family.
+    Source: `GaodeRender/triangle-splatting`: the datasets' `target_res`. The official code of 2DTS does not
+    support a requested width, so the rule of the 3DGS family is used.
     """
     width, height = size
     if resolution in _DIVISORS:
@@ -171,10 +174,10 @@ def floor(size: Size, resolution: int) -> Size:
 
 
 def half_up(size: Size, resolution: int) -> Size:
-    """Return the size in the folders images_2, images_4 and images_8 as published with Mip-NeRF 360.
+    """Return the image size in the folders images_2, images_4 and images_8 as published with Mip-NeRF 360.
 
-    Divided sides are rounded half up (`nerfbaselines/nerfbaselines`: its Mip-NeRF 360 loader); otherwise as
-    in `half_even`.
+    Divided sides are rounded half up (`nerfbaselines/nerfbaselines`: its Mip-NeRF 360 loader). For all other
+    resolutions, the result is that of `half_even`.
     """
     if resolution not in _DIVISORS:
         return half_even(size, resolution)

@@ -14,21 +14,21 @@ from msb.scenes.datasets.rules import Compositing, Convention
 from msb.scenes.datasets.splits import SplitSource
 from msb.scenes.upright import find_up
 
-# Masks are the alpha channels of the photographs, files of a folder, or files that transforms.json names.
+# Masks are alpha channels of the photographs, files in a mask folder, or files named in transforms.json.
 MaskSource = Literal["png_alpha", "mask_folder", "mask_path"]
 
 
 @dataclass(frozen=True)
 class Reading:
-    """How a stored photograph becomes the image of its view's pinhole camera, before it is resized.
+    """The steps between a stored photograph and the undistorted image of a pinhole camera, before resizing.
 
     Attributes
     ----------
     orientation : int
-        The EXIF orientation that is applied; 1 keeps the pixels as stored.
+        The EXIF orientation to apply; 1 keeps the pixels as stored.
     lens : Camera, optional
-        The camera of the photograph, with the distortion that is removed. It has the size of the turned
-        photograph.
+        The camera of the photograph, with the distortion that is removed. The size of this camera is the size
+        of the rotated photograph.
     """
 
     orientation: int = 1
@@ -37,7 +37,9 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A scene of a dataset under one set of rules. `msb.metrics.ground_truth` loads its photographs.
+    """A scene of a dataset, read by one set of rules.
+
+    `msb.metrics.ground_truth` loads the photographs of the scene.
 
     Attributes
     ----------
@@ -46,21 +48,21 @@ class Scene:
     rules : str
         The rules used for reading; a key of `RULES`.
     image_folder : str
-        The folder below `root`; "." if the cameras' names are already paths.
+        The folder of the photographs below `root`; "." if the cameras' names are paths.
     resolution : int
         The resolution, with the meaning of ``-r`` in the 3DGS family.
     train, test : tuple of Camera
-        The cameras at the evaluated size, sorted by the rules. They have a `name` (unique in the scene),
-        `image_path`, `split`, and `source_size` if the intrinsics were recorded for another size.
+        The cameras at the evaluated size, sorted by the rules. Each camera has a `name` (unique in the
+        scene), `image_path`, `split`, and `source_size` if the intrinsics were recorded for another size.
     background : (float, float, float)
         The background of the model, and of masked photographs.
     mask_source : {"png_alpha", "mask_folder", "mask_path"}, optional
         The kind of masks; None if masks are missing or not used.
     masks : mapping of str to Path
-        Camera name -> the file of its mask, for "mask_folder" and "mask_path". A view without one is not
-        masked.
+        The mask file of each camera name, for "mask_folder" and "mask_path". A view without a mask file is
+        not masked.
     readings : mapping of str to Reading
-        Camera name -> how its photograph is turned and undistorted, where this is necessary.
+        The rotation and undistortion of each photograph that needs them, by camera name.
     lens : Camera, optional
         The first view as recorded, before undistortion.
     split : {"recorded", "every 8th", "benchmark"}
@@ -72,7 +74,7 @@ class Scene:
     quantized : bool
         Whether the ground truth is rounded to 8 bits before it is compared.
     gt_resized : bool
-        Whether a photograph is stored in another size than the evaluated one.
+        Whether a photograph is stored in another size than the evaluated size.
     """
 
     dataset: str
@@ -100,6 +102,6 @@ class Scene:
 
     @cached_property
     def up(self) -> tuple[float, float, float]:
-        """The direction that is up in the world of the capture, a unit vector; see `find_up`."""
+        """The unit vector that points up in the world of the capture (`find_up`)."""
         x, y, z = find_up([*self.train, *self.test]).tolist()
         return x, y, z

@@ -22,9 +22,9 @@ from msb.scenes.sets import split_every_8th, stem
 from msb.scenes.source import Source
 from msb.scenes.transforms import image_name
 
-# How the test views of a scene were chosen.
+# How the test views of a scene are chosen.
 SplitSource = Literal["recorded", "every 8th", "benchmark"]
-# Largest list of names in bytes: a hundred thousand names.
+# Largest accepted list of names in bytes, enough for a hundred thousand names.
 _MAX_LIST = 1 << 24
 # Keys of transforms.json with the file names of a split.
 _KEYS: dict[Split, str] = {"train": "train_filenames", "val": "val_filenames", "test": "test_filenames"}
@@ -32,7 +32,7 @@ _KEYS: dict[Split, str] = {"train": "train_filenames", "val": "val_filenames", "
 
 @dataclass(frozen=True)
 class SplitViews:
-    """Views, training views first, each with its split; how they were split; notes for the user."""
+    """The views of a scene with their `split` set, training views first, and the kind of split."""
 
     views: list[Camera]
     source: SplitSource
@@ -42,10 +42,12 @@ class SplitViews:
 def split_views(
     root: Path, layout: Layout, views: Sequence[Camera], *, by_name: bool, is_benchmark: bool
 ) -> SplitViews:
-    """Split the views of a scene as it records, else every 8th view is a test view.
+    """Split the views of a scene by its recorded split.
 
-    `by_name` sorts views by their full names instead of their stems. Datasets of the benchmark
-    (`is_benchmark`) without transforms_train.json are always split by every 8th view.
+    Without a recorded split, every 8th view is a test view.
+
+    `by_name` sorts views by their full names instead of their stems. A benchmark dataset (`is_benchmark`)
+    without transforms_train.json uses every 8th view as a test view.
     """
     notes: list[Finding] = []
     recorded = None if is_benchmark and layout != "blender" else _read_split(root, layout, views, notes)
@@ -68,9 +70,9 @@ def check_split(root: Path, views: Sequence[Camera]) -> None:
 def _read_split(
     root: Path, layout: Layout, views: Sequence[Camera], notes: list[Finding]
 ) -> dict[str, Split] | None:
-    """Return name of a view -> its recorded split, or None if the scene records none.
+    """Return the recorded split of each view by name, or None if the scene records no split.
 
-    Validation views are test views if there are no others.
+    If no test views are recorded, the validation views become test views.
     """
     if layout == "blender":
         return {str(view.name): view.split for view in views if view.split is not None}
@@ -81,7 +83,8 @@ def _read_split(
     lists.pop("val", None)
     if "test" not in lists:
         return None
-    # Find the views of the listed names; views that no list names are training views of a lone test list.
+    # Find the views of the listed names. If only a list of test views exists, all other views are training
+    # views.
     found = _NameTable(views)
     split: dict[str, Split] = {} if "train" in lists else {str(view.name): "train" for view in views}
     unknown: list[str] = []
@@ -97,13 +100,13 @@ def _read_split(
         text = f"{len(unknown)} names of the split have no view, for example {shorten(unknown[0], 60)}"
         notes.append(finding("SCENE_LAYOUT", text, severity="warning", file=str(file)))
     if left := len(views) - len(split):
-        text = f"{left} of {len(views)} views are in no list of the split; they are not used"
+        text = f"{left} of {len(views)} views are not used, because no list of the split names them"
         notes.append(finding("SCENE_LAYOUT", text, severity="warning", file=str(file)))
     return split
 
 
 class _NameTable:
-    """Finds a view by its name, or by an end of it that only one view has: without folders or suffix."""
+    """Finds a view by its full name. A short name without folders or suffix is accepted if it is unique."""
 
     def __init__(self, views: Iterable[Camera]) -> None:
         self._names: dict[str, set[str]] = {}
@@ -119,14 +122,14 @@ class _NameTable:
 
 
 def _spellings(name: str) -> list[str]:
-    """Return a name, without its first folder, without folders, and all three without suffix."""
+    """Return the name and its shorter forms: without first folder, without folders, without suffix."""
     path = PurePosixPath(name)
     paths = [path, PurePosixPath(*path.parts[1:]) if len(path.parts) > 1 else path, PurePosixPath(path.name)]
     return [str(part) for part in (*paths, *(part.with_suffix("") for part in paths if part.name))]
 
 
 def _read_lists(root: Path, layout: Layout) -> dict[Split, tuple[Path, list[str]]]:
-    """Return split -> the file that lists its views, and their names."""
+    """For each split, return the names of its views and the file that lists them."""
     if layout == "transforms":
         document = read_json(Source.open(root / SINGLE))
         lists = {split: document.get(key) for split, key in _KEYS.items()}
@@ -149,7 +152,7 @@ def _read_lists(root: Path, layout: Layout) -> dict[Split, tuple[Path, list[str]
 
 
 def _read_names(file: Path) -> list[str]:
-    """Return the names in a list, one a line."""
+    """Return the names in a list file with one name per line."""
     data = read_file(file, _MAX_LIST)
     try:
         if len(data) > _MAX_LIST:
@@ -162,7 +165,7 @@ def _read_names(file: Path) -> list[str]:
 
 
 def read_mask_paths(root: Path, layout: Layout) -> Mapping[str, str]:
-    """Return name of a view -> the path of its mask below the scene, as transforms.json records it."""
+    """Return the recorded mask path of each view by name, relative to the scene, from transforms.json."""
     files = {"transforms": (SINGLE,), "blender": (TRAIN, TEST, VALIDATION)}.get(layout, ())
     masks: dict[str, str] = {}
     for name in files:
@@ -172,6 +175,6 @@ def read_mask_paths(root: Path, layout: Layout) -> Mapping[str, str]:
                 if path is not None:
                     mask = path.text().removeprefix("./")
                     with path.locating():
-                        check_name(mask)  # before a file of this name is searched
+                        check_name(mask)  # reject an invalid name before searching its file
                     masks[image_name(frame["file_path"].text())] = mask
     return masks

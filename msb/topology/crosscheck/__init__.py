@@ -1,8 +1,8 @@
-"""Compare the audit of a mesh with the answers of six other libraries (peers), and explain the differences.
+"""Compare the audit of a mesh with six other libraries (peers), and explain the differences.
 
 Only this package uses libigl, PyMeshLab, manifold3d, trimesh (as a judge), NetworkX and NVIDIA's USD
-validator. `peers.py` runs each peer in a separate process. `expected.py` predicts the answers from the
-definitions of the peer. This module compares the two.
+validator. `peers.py` runs each peer in a separate process. `expected.py` predicts the answers of each peer
+from the peer's definitions. This module compares the peers' answers with the audit and the predictions.
 """
 
 from dataclasses import dataclass
@@ -21,20 +21,20 @@ from msb.topology.crosscheck.peers import PEERS, Answer, Answers, ask_peers
 __all__ = ["PEERS", "Comparison", "CrossCheck", "compare", "cross_check"]
 
 Verdict = Literal["agrees", "differs_by_definition", "disagrees"]
-# Time limit of each peer: this many seconds, plus this many for each million faces. libigl needs 12 s per
+# Time limit of each peer in seconds, plus this many seconds for each million faces. libigl needs 12 s per
 # million.
 PATIENCE = 60.0
-# Peers that other extras install too: NetworkX is a dependency of scikit-image (extra bench).
+# Peers that other extras also install. For example, NetworkX is a dependency of scikit-image (extra bench).
 ANYWAY = {"NetworkX"}
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One of our numbers beside the number of a peer.
+    """A number from our audit, and the corresponding number from a peer library.
 
-    `why` is empty if the numbers agree. Otherwise it explains how the definitions differ on this mesh and by
-    how much, or names the expected number. `call` names the function of the peer. A disagreement cannot be
-    explained by definitions. It is a bug in the peer or in our audit.
+    If the numbers agree, `why` is empty. If the numbers differ, `why` explains the difference between the
+    definitions, or names the expected number. The field `call` names the function of the peer. A disagreement
+    is a difference that the definitions cannot explain. A disagreement is a bug in the peer or in our audit.
     """
 
     peer: str
@@ -49,7 +49,10 @@ class Comparison:
 
 @dataclass(frozen=True)
 class CrossCheck:
-    """All comparisons; `skipped` maps a peer, or "PEER QUANTITY", to the reason why it has no answer."""
+    """All comparisons.
+
+    The field `skipped` maps a peer, or "PEER QUANTITY", to the reason for the missing answer.
+    """
 
     rows: tuple[Comparison, ...]
     skipped: dict[str, str]
@@ -62,10 +65,10 @@ class CrossCheck:
 def cross_check(
     vertices: ArrayLike, faces: ArrayLike, report: Audit, analysis: Analysis, *, timeout: float | None = None
 ) -> CrossCheck:
-    """Ask every installed peer about a mesh and compare the answers with our audit.
+    """Measure a mesh with every installed peer, and compare the answers with our audit.
 
-    `report` and `analysis` are the results of `audit_arrays` for the same arrays. Each peer may run for
-    `timeout` seconds. The default is 60 seconds, plus 60 seconds per million faces.
+    The arguments `report` and `analysis` are the results of `audit_arrays` for the same arrays. Each peer may
+    run for `timeout` seconds. The default time limit is 60 seconds, plus 60 seconds per million faces.
     """
     points, triangles = mesh_arrays(vertices, faces)
     installed = [peer for peer in PEERS if is_installed(PEERS[peer].module)]
@@ -116,7 +119,7 @@ def compare(peer: str, answers: Answers, facts: Facts) -> tuple[list[Comparison]
 
 
 def _judge(expected: Expected, theirs: Answer) -> tuple[Verdict, str]:
-    """Return whether a peer's number agrees with ours, and the reason for a difference."""
+    """Return whether a peer's number agrees with our number, and the reason for a difference."""
     if _are_close(theirs, expected.ours, 0 if expected.why else expected.slack):
         return "agrees", ""
     if expected.why and _are_close(theirs, expected.theirs, expected.slack):

@@ -1,9 +1,9 @@
 """Predict the answers of each peer about a mesh from the differences between its definitions and ours.
 
-A prediction is our number plus a shift that is computed from the mesh. Therefore an error of our audit causes
-a disagreement, even where definitions differ. Almost every shift comes from repeated-index rows. Our
-definitions give them no edges; most peers give them three vertex pairs. docs/definitions.md lists the
-differences.
+The prediction is our number plus the effect of each difference, which this module computes from the mesh. A
+bug in our audit therefore causes a disagreement, even if the definitions differ. Almost every effect comes
+from faces with a repeated index. In our definitions, faces with a repeated index have no edges. For most
+peers, these faces have three vertex pairs.
 """
 
 from collections import defaultdict
@@ -22,7 +22,7 @@ from msb.topology.findings import Counts
 
 @dataclass(frozen=True)
 class Expected:
-    """One of our numbers, the number that a peer should give for it, and the reason for the difference.
+    """A number of our audit, the number expected from a peer, and the reason for the difference.
 
     Attributes
     ----------
@@ -33,14 +33,14 @@ class Expected:
     ours, theirs : number, flag or None
         Our value, and the value that the peer's definition gives on this mesh.
     why : str
-        The difference between the definitions; empty if they agree on this mesh.
+        The difference between the definitions; empty if the definitions agree on this mesh.
     plus : int
         A number added to the peer's answer before comparing (in derived rows).
     slack : float
-        Maximum accepted difference between the answer and `theirs`. It allows for the rounding of areas or
-        for a documented quirk of the peer.
+        Maximum accepted difference between the answer and `theirs`. The slack covers rounding of areas, or
+        a documented quirk of the peer.
     unfit : str
-        Why the peer's answer is meaningless on this mesh; empty if it is meaningful.
+        Why the peer's answer is meaningless on this mesh; empty for a meaningful answer.
     """
 
     quantity: str
@@ -71,26 +71,28 @@ class Facts:
             self.shift = {key: n - proper[key] for key, n in self.with_all_rows.items()}
 
     def same(self, quantity: str, call: str, shift: str | None = None) -> Expected:
-        """Expect our count plus the repeated-index rows that the peer also counts."""
+        """Expect our count plus the number of repeated-index faces, if the peer also counts them."""
         ours = getattr(self.counts, quantity)
         by = self.shift[shift] if shift else 0
         return Expected(quantity, call, quantity, ours, ours + by, self.rows_kept(by))
 
     def rows_kept(self, by: int) -> str:
-        """Return the reason "it counts repeated-index rows", or "" if these rows do not change the number."""
+        """Return the reason for counting repeated-index faces, or "" if these faces do not change the
+        number.
+        """
         if by == 0:
             return ""
         return f"it counts the vertex pairs and corners of {self.rows}, which we exclude"
 
     @property
     def rows(self) -> str:
-        """The number of repeated-index rows in words."""
+        """The number of repeated-index faces in words."""
         return format_count(self.repeated, "repeated-index row")
 
     def area(self, call: str) -> Expected:
         """Expect our area.
 
-        Return None if a corner is not finite, because the area of the peer is then NaN.
+        If a corner is not finite, return None, because the peer's area is then NaN.
         """
         ours = self.report.metrics.total_area
         if self.counts.nonfinite_faces:
@@ -100,13 +102,13 @@ class Facts:
         points = self.analysis.vertices[np.unique(self.analysis.mesh.faces)].astype(np.float64)
         with np.errstate(over="ignore"):
             extent = float(np.ptp(points, axis=0).max())
-        # Sums in another order agree to 1e-9 of the area. The area of a sliver may be only the rounding error
-        # of its sides, hence the second term.
+        # Sums in different orders agree to 1e-9 of the area. The second term allows for thin triangles, whose
+        # areas can be pure rounding errors.
         slack = 1e-9 * ours + 1e-14 * extent * extent * self.counts.faces
         return Expected("total_area", call, "total_area", ours, ours, "", slack=slack)
 
     def loops(self, call: str, unfit: str = "") -> Expected:
-        """Expect our boundary loops, or skip a mesh for which the peer does not define loops."""
+        """Expect our number of boundary loops. Skip meshes for which the peer does not define loops."""
         if self.repeated:
             unfit = "not defined for meshes with repeated-index rows"
         elif self.counts.nonmanifold_vertices:
@@ -114,7 +116,7 @@ class Facts:
         return replace(self.same("boundary_loops", call), unfit=unfit)
 
     def without_seams(self, flag: Expected, holds: Callable[[Counts], bool]) -> Expected:
-        """Expect that a peer calls a mesh with seams open.
+        """Expect that a peer reports a mesh with seams as open.
 
         The peer gets the mesh as stored, with duplicated vertices.
         """
@@ -124,10 +126,10 @@ class Facts:
         return replace(flag, ours=True, why=f"it treats the {rows} duplicated at seams as a border")
 
     def euler(self, call: str, vertices: int, which: str, edges: str) -> Expected:
-        """Expect the Euler characteristic of a peer whose counts of vertices and edges differ from ours.
+        """Expect the Euler characteristic of a peer that counts other vertices and edges than our audit.
 
-        The peer counts `vertices` vertices, described by `which`. Its edges include the pairs of
-        repeated-index rows.
+        The peer counts `vertices` vertices, which the text `which` describes. The peer's edges include the
+        vertex pairs of repeated-index faces.
         """
         ours = self.report.metrics.euler_characteristic
         fewer = vertices - self.counts.vertices
@@ -165,7 +167,8 @@ def expect_pymeshlab(facts: Facts) -> list[Expected]:
     ours, endpoints = facts.counts.nonmanifold_vertices, facts.counts.nonmanifold_edge_endpoints
     faces = facts.analysis.mesh.faces
     vague = len(np.unique(faces[facts.analysis.mesh.repeated_index]))
-    # Its count is unpredictable at the corners of a repeated-index row, and reliable at other vertices.
+    # PyMeshLab's count is unpredictable at the corners of a repeated-index face, and reliable at other
+    # vertices.
     quirk = f"; its result is arbitrary for the {vague} vertices of {facts.rows}" if vague else ""
     crowded = facts.same("nonmanifold_edges", "non_two_manifold_edges (first call)", "crowded_by_rows")
     again = "it may count an edge again for each such row at it" if facts.repeated else ""
@@ -215,7 +218,7 @@ def expect_trimesh(facts: Facts) -> list[Expected]:
         facts.same("components_manifold_edges", "face_adjacency", "two_face_components"),
         Expected(
             "components", "body_count", "bodies", counts.components, bodies,
-            "it joins through vertices, not edges, and counts each unreferenced vertex",
+            "it joins faces through vertices, not edges, and counts each unreferenced vertex",
         ),
         facts.euler("euler_number", used, "that a face uses", "pairs"),
         facts.area("area"),
@@ -225,7 +228,7 @@ def expect_trimesh(facts: Facts) -> list[Expected]:
 
 
 def _expect_flag(quantity: str, call: str, ours: bool, theirs: bool, facts: Facts) -> Expected:
-    """Expect a flag that differs from ours only through repeated-index rows."""
+    """Expect a flag that can only differ from our flag because of repeated-index faces."""
     why = "" if ours == theirs else f"it counts the vertex pairs of {facts.rows}"
     return Expected(quantity, call, quantity, ours, theirs, why)
 
@@ -233,8 +236,8 @@ def _expect_flag(quantity: str, call: str, ours: bool, theirs: bool, facts: Fact
 def expect_manifold3d(facts: Facts) -> list[Expected]:
     """Return whether manifold3d should accept the mesh.
 
-    It pairs half-edges in opposite directions, so it accepts an edge with two faces in each direction. It
-    requires at least four vertices and four faces.
+    manifold3d pairs half-edges in opposite directions. Therefore manifold3d accepts an edge with two faces in
+    each direction. manifold3d requires at least four vertices and four faces.
     """
     counts, mesh = facts.counts, facts.analysis.mesh
     ours = _is_oriented(counts)
@@ -261,13 +264,16 @@ def _is_oriented(counts: Counts) -> bool:
 
 
 def expect_networkx(facts: Facts) -> list[Expected]:
-    """Return the expected answers of NetworkX, which are our numbers: the graphs follow our definitions."""
+    """Return the expected answers of NetworkX.
+
+    The answers equal our numbers, because the graphs follow our definitions.
+    """
     names = {
         "edges": "vertex graph",
         "nonmanifold_edges": "vertex graph, three faces and more",
         "nonmanifold_edge_endpoints": "vertex graph, three faces and more",
         "multifan_vertices": "vertex links in pieces",
-        "nonmanifold_vertices": "vertex links in pieces, or with a node of degree three and more",
+        "nonmanifold_vertices": "vertex links with several parts, or with a node of degree three or more",
         "components": "face graph, all shared edges",
         "largest_component_faces": "face graph, all shared edges",
         "components_manifold_edges": "face graph, two-face edges",
@@ -278,8 +284,8 @@ def expect_networkx(facts: Facts) -> list[Expected]:
 def expect_nvidia(facts: Facts) -> list[Expected]:
     """Return the expected answers of the ManifoldChecker of NVIDIA's validator.
 
-    It joins the faces at a vertex across two-face edges only. Both ends of a non-manifold edge therefore have
-    several groups. Its count therefore equals our strict count.
+    NVIDIA's checker joins the faces at a vertex across two-face edges only. Both ends of a non-manifold
+    edge therefore have several groups of faces. The checker's count therefore equals our strict count.
     """
     counts = facts.counts
     unused = counts.unreferenced_vertices - facts.shift["used"]
@@ -306,7 +312,7 @@ def format_count(count: int, noun: str, several: str = "") -> str:
     return f"{count:,} {noun}" if count == 1 else f"{count:,} {several or noun + 's'}"
 
 
-# Peer -> function that returns its expected answers.
+# Each peer's function that returns the expected answers.
 EXPECTED = {
     "libigl": expect_libigl,
     "PyMeshLab": expect_pymeshlab,

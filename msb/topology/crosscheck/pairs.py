@@ -1,6 +1,6 @@
 """Counts of vertex pairs as most peers define them.
 
-A row with a repeated index has three pairs, like others.
+A face with a repeated index has three vertex pairs, like other faces.
 """
 
 from typing import Any
@@ -15,22 +15,28 @@ from msb.topology.halfedge import next_in_face
 def count_pairs(faces: NDArray[Any]) -> dict[str, int]:
     """Return counts over the unordered vertex pairs of all rows of `faces` (F, 3), including loops {v, v}.
 
-    Without repeated-index rows these counts equal those of our definitions. The keys are:
+    Without repeated-index faces, these counts equal the counts of our audit. The keys are:
 
-    - `pairs`; `single`, `double` and `crowded`: pairs with one, two and more members; `most`: most members of
-      a pair; `crowded_by_rows`: crowded pairs shared by several rows; `igl_edges`: see below.
-    - `endpoints` of crowded pairs; `multifan` and `strict`: non-manifold vertices; `used` vertices and
-      `unused`, its negative.
-    - `components`, the `largest` of them, and `two_face_components`.
-    - `inconsistent`: double pairs with inconsistent winding; `double_loops`: double pairs {v, v};
-      `double_fans`: vertices with several groups of rows if only double pairs join rows.
+    - `pairs`: the number of pairs.
+    - `single`, `double` and `crowded`: pairs with one, two and more members.
+    - `most`: the largest number of members of a pair.
+    - `crowded_by_rows`: crowded pairs that several faces share.
+    - `igl_edges`: the count of igl.edges.
+    - `endpoints`: the vertices of crowded pairs.
+    - `multifan` and `strict`: non-manifold vertices by two definitions.
+    - `used` and `unused`: used vertices, and the negative number of unused vertices.
+    - `components`, `largest` and `two_face_components`: components, faces of the largest component, and
+      components across two-face edges.
+    - `inconsistent`: double pairs with inconsistent winding.
+    - `double_loops`: double pairs {v, v}.
+    - `double_fans`: vertices with several groups of faces if only double pairs join faces.
     """
     start = faces.reshape(-1).astype(np.uint64)
     end = faces[:, (1, 2, 0)].reshape(-1).astype(np.uint64)
     low, high = np.minimum(start, end), np.maximum(start, end)
     span = start.max(initial=np.uint64(0)) + np.uint64(1)
     pair, member, count = np.unique(low * span + high, return_inverse=True, return_counts=True)
-    # first, second: half-edges of one pair that follow each other in sorted order.
+    # The half-edges `first` and `second` follow each other in the sorted order of one pair.
     order = np.argsort(member, kind="stable")
     linked = member[order][1:] == member[order][:-1]
     first, second = order[:-1][linked], order[1:][linked]
@@ -45,8 +51,8 @@ def count_pairs(faces: NDArray[Any]) -> dict[str, int]:
     between_rows = np.unique(member[first[first // 3 != second // 3]])
     return {
         "pairs": len(pair),
-        # igl.edges halves the number of entries of the symmetric adjacency matrix. A loop has a single entry
-        # in it.
+        # igl.edges halves the number of entries of the symmetric adjacency matrix. In the adjacency matrix, a
+        # loop {v, v} has a single entry.
         "igl_edges": int(np.count_nonzero(~loop)) + int(np.count_nonzero(loop)) // 2,
         "single": int(np.count_nonzero(count == 1)),
         "double": int(np.count_nonzero(count == 2)),
@@ -74,10 +80,10 @@ def _find_multifan(
     first: NDArray[Any],
     second: NDArray[Any],
 ) -> NDArray[np.uint64]:
-    """Return the vertices whose face rows form several groups when the given half-edge pairs join rows."""
+    """Return the vertices at which faces form several groups when the given half-edge pairs join faces."""
     halfedge = np.arange(len(start))
     row = (halfedge // 3).astype(np.uint64)
-    place, node = np.unique(row * span + start, return_inverse=True)  # each row counts once at a vertex
+    place, node = np.unique(row * span + start, return_inverse=True)  # Each face counts once at a vertex.
     after = node[next_in_face(halfedge)]
     at_low, at_high = np.where(start <= end, node, after), np.where(start <= end, after, node)
     groups, group = label_components(

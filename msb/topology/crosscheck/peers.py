@@ -1,9 +1,9 @@
-"""Ask each peer library about a mesh. Only this module and `repairs.py` import the peers.
+"""Measure a mesh with each peer library. Only this module and `repairs.py` import the peers.
 
-Every function takes a mesh with at least one face and valid indices, and returns the peer's answers under the
-names that `expected.py` uses. `ask_peers` runs the functions in separate processes, because peers print, hang
-or crash on some faulty meshes. Tested with libigl 2.6.3, PyMeshLab 2025.7.post1, manifold3d 3.5.4, trimesh
-5.2.0, NetworkX 3.6.1 and usd-validation-nvidia 1.22.0 with usd-core 26.8.
+Every function takes a mesh with at least one face and valid indices. The function returns the peer's answers
+under the names that `expected.py` uses. `ask_peers` runs the functions in separate processes, because peers
+print, hang or crash on some faulty meshes. Tested with libigl 2.6.3, PyMeshLab 2025.7.post1, manifold3d
+3.5.4, trimesh 5.2.0, NetworkX 3.6.1 and usd-validation-nvidia 1.22.0 with usd-core 26.8.
 """
 
 import math
@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from msb.base.children import run_in_children
 from msb.base.limits import Limits
 
-# Number of peers that run at the same time. Each uses one core and several times the memory of the mesh.
+# Number of peers that run at the same time. Each process uses one core and several times the memory of the
+# mesh.
 AT_ONCE = 2
 Answer = bool | int | float | None
 Answers = dict[str, Answer]
@@ -27,9 +28,10 @@ Answers = dict[str, Answer]
 
 @dataclass(frozen=True)
 class Peer:
-    """A library, and the function that asks it about a mesh: (V, 3) float64 vertices and (F, 3) int64 faces.
+    """A peer library, and the function that measures a mesh with it.
 
-    Meshes with more than `max_faces` faces would take too much time or memory.
+    The function takes (V, 3) float64 vertices and (F, 3) int64 faces. Larger meshes than `max_faces` would
+    take too much time or memory.
     """
 
     module: str
@@ -42,7 +44,8 @@ def ask_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answe
     """Return libigl's counts."""
     import igl
 
-    # Remove unreferenced vertices, because libigl calls those below the largest used index non-manifold.
+    # Remove unreferenced vertices, because libigl calls them non-manifold if they are below the largest
+    # used index.
     used, compact = np.unique(faces, return_inverse=True)
     multifan = used[~igl.is_vertex_manifold(compact.reshape(-1, 3))]
     _, edges, _, offsets, _ = igl.unique_edge_map(faces)
@@ -71,9 +74,9 @@ def ask_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answe
 def ask_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
     """Return PyMeshLab's topological measures.
 
-    They are correct in a fresh process only. From the fifth call on, `non_two_manifold_edges` counts the
-    faces of these edges instead. A row (a, b, a) puts PyMeshLab into an endless loop, so such rows are
-    rotated to (a, a, b).
+    The measures are correct only in a fresh process. From the fifth call on, `non_two_manifold_edges`
+    counts the faces of such edges instead of the edges. A row (a, b, a) puts PyMeshLab into an endless
+    loop, so such rows are rotated to (a, a, b).
     """
     import pymeshlab
 
@@ -93,7 +96,7 @@ def ask_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> An
         "off_edge_vertices": int(measures["non_two_manifold_vertices"]),
         "components": int(measures["connected_components_number"]),
     }
-    if measures["number_holes"] >= 0:  # -1 on meshes that are not two-manifold
+    if measures["number_holes"] >= 0:  # The value is -1 for meshes that are not two-manifold.
         answers["boundary_loops"] = int(measures["number_holes"])
     return answers
 
@@ -102,7 +105,7 @@ def ask_manifold3d(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> A
     """Return whether manifold3d accepts the faces as a solid.
 
     manifold3d also rejects coordinates that are not finite in float32. Only connectivity is tested here, so
-    all coordinates are zero. manifold3d crashes on some meshes whose half-edges cannot be paired.
+    all coordinates are zero. manifold3d crashes on some meshes with half-edges that have no partner.
     """
     import manifold3d
 
@@ -140,9 +143,9 @@ def ask_trimesh(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answ
 def ask_networkx(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
     """Return the counts of NetworkX. The graphs follow our definitions and are built here in plain Python.
 
-    The vertex graph gives the edges. The face graph has an arc between consecutive faces of an edge and gives
-    the components. The third graph is the union of all vertex links. Its node (v, w) is the edge v-w seen
-    from v. Each face is an arc at each of its corners.
+    The vertex graph gives the edges. The face graph connects consecutive faces of an edge, and gives the
+    components. The third graph is the union of all vertex links. In this graph, the node (v, w) is the end v
+    of the edge v-w. A face connects two nodes of this graph at each of its corners.
     """
     import networkx
 
@@ -171,7 +174,7 @@ def ask_networkx(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Ans
 
 
 def _find_split_links(rows: Iterable[list[int]], vertex_count: int) -> set[int]:
-    """Return the vertices with a link in several pieces."""
+    """Return the vertices whose link has several parts."""
     import networkx
 
     links = networkx.Graph()
@@ -214,20 +217,20 @@ def ask_nvidia(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answe
 
 
 def _finite_or_none(value: Any) -> float | None:
-    """Return a finite float, or None: JSON has no NaN."""
+    """Return a finite float. Other values than finite floats become None, because JSON has no NaN."""
     number = float(value)
     return number if math.isfinite(number) else None
 
 
-# Peers by name, in the order of reports.
+# The peers by name, in the order of reports.
 PEERS: dict[str, Peer] = {
     "libigl": Peer("igl", "libigl", ask_libigl),
     "PyMeshLab": Peer("pymeshlab", "pymeshlab", ask_pymeshlab),
     "manifold3d": Peer("manifold3d", "manifold3d", ask_manifold3d),
     "trimesh": Peer("trimesh", "trimesh", ask_trimesh),
-    # NetworkX has Python objects for each element: about 10 s and 0.9 GB at the limit.
+    # At this limit, NetworkX takes about 10 s and 0.9 GB for its Python objects.
     "NetworkX": Peer("networkx", "networkx", ask_networkx, max_faces=200_000),
-    # 10 s and 0.9 GB per million faces.
+    # NetworkX takes 10 s and 0.9 GB per million faces.
     "NVIDIA": Peer("usd_validation_nvidia", "usd-validation-nvidia", ask_nvidia, max_faces=2_000_000),
 }
 
@@ -245,5 +248,5 @@ def ask_peers(
 
 
 def ask(peer: str, mesh: Mapping[str, NDArray[Any]]) -> tuple[Answers, dict[str, NDArray[Any]]]:
-    """Ask the peer `peer` about a mesh. This function runs in the child process."""
+    """Measure a mesh with the peer `peer`. This function runs in the child process."""
     return PEERS[peer].ask(mesh["vertices"], mesh["faces"]), {}

@@ -1,4 +1,4 @@
-"""Repair steps by peer libraries, in a child process with limits of time and memory."""
+"""Repair steps of peer libraries, in a child process with limits of time and memory."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from msb.errors import Unsupported
 from msb.topology.faces import names_vertex_twice
 from msb.topology.steps.change import Change, unchanged
 
-# New faces, vertex map and face map.
+# The new faces, the vertex map and the face map.
 Repaired = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
 
 
@@ -29,7 +29,7 @@ class PeerStep:
 
 
 def cut_by_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Repaired:
-    """Return the result of `igl.split_nonmanifold`, which also cuts where the winding flips."""
+    """Return the result of `igl.split_nonmanifold`, which also cuts edges where the winding flips."""
     import igl
 
     new, vertex_map = igl.split_nonmanifold(faces)
@@ -37,9 +37,10 @@ def cut_by_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Re
 
 
 def drop_by_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Repaired:
-    """Return the faces left after PyMeshLab repaired the edges (Remove Faces) and then the vertices.
+    """Return the faces that remain after a repair by PyMeshLab: first the edges (Remove Faces), then the
+    vertices.
 
-    Vertices and faces carry their numbers as a scalar attribute. The filters keep this attribute.
+    Vertices and faces carry their numbers as a scalar attribute. PyMeshLab's filters keep this attribute.
     """
     import pymeshlab
 
@@ -58,7 +59,7 @@ def drop_by_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -
     return left.face_matrix().astype(np.int64), next(maps), next(maps)
 
 
-# Steps of peers by PEER-STEP.
+# Repair steps of peers by name, PEER-STEP.
 PEER_STEPS: dict[str, PeerStep] = {
     "igl-cut": PeerStep("igl", "libigl", cut_by_libigl),
     "pymeshlab-drop": PeerStep("pymeshlab", "pymeshlab", drop_by_pymeshlab),
@@ -66,7 +67,7 @@ PEER_STEPS: dict[str, PeerStep] = {
 
 
 def repair_by_peer(peer: str, step: str, points: NDArray[Any], faces: NDArray[Any], limits: Limits) -> Change:
-    """Return the change made by step `step` of peer `peer`; PEER-STEP is a key of `PEER_STEPS`.
+    """Return the change made by step `step` of peer `peer`. `PEER_STEPS` has the keys PEER-STEP.
 
     Faces with a repeated index are removed.
     """
@@ -82,7 +83,9 @@ def repair_by_peer(peer: str, step: str, points: NDArray[Any], faces: NDArray[An
         raise Unsupported("PEER_FAILED", f"{step} by {peer}: {reply.why}")
     new, vertex_map, face_map = (reply.arrays[key] for key in ("faces", "vertex_map", "face_map"))
     if not (vertex_map[new] == faces[proper][face_map]).all():
-        raise Unsupported("PEER_FAILED", f"{step} by {peer}: it returned faces with reordered corners")
+        raise Unsupported(
+            "PEER_FAILED", f"{step} by {peer} failed: the result has faces with reordered corners"
+        )
     limit = "" if limits.limits_memory else "; this system cannot limit memory"
     notes = (f"by {peer} {version(chosen.distribution)}{limit}",)
     turned = np.zeros(len(new), bool)

@@ -1,7 +1,8 @@
 """The steps of a repair: functions of arrays that return a `Change`.
 
-Every step takes arrays that `mesh_arrays` has checked. Positions must be finite, and no step moves a vertex.
-docs/repair.md gives the guarantees of each step. `msb.repair` transfers the attributes of vertices and faces.
+Every repair step takes arrays that `mesh_arrays` has checked. Positions must be finite, and no repair step
+moves a vertex. docs/repair.md gives the guarantees of each step. `msb.repair` transfers the attributes of
+vertices and faces.
 """
 
 from msb.topology.steps.change import Change

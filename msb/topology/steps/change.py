@@ -11,7 +11,8 @@ from msb.topology.halfedge import NONE
 
 @dataclass(frozen=True)
 class Rims:
-    """The old vertices around each added vertex. An added vertex gets the average of their values.
+    """The old vertices around each added vertex. An added vertex gets the average of the values of these
+    vertices.
 
     Added vertex i has the rim ``vertices[offsets[i] : offsets[i + 1]]`` of old vertices.
     """
@@ -34,9 +35,9 @@ class Change:
     faces : (F', 3) integers
         The new faces, with new vertex numbers.
     vertex_map : (V',) integers
-        The old vertex of each new vertex; NONE for added vertices, which come last.
+        The old vertex of each new vertex; NONE for added vertices, which are last.
     face_map : (F',) integers
-        The old face of each new face; NONE for added faces, which come last.
+        The old face of each new face; NONE for added faces, which are last.
     turned : (F',) bool
         Whether the second and third corner of the old face were swapped.
     rims : Rims
@@ -57,7 +58,7 @@ class Change:
 
     @property
     def corner_map(self) -> NDArray[Any]:
-        """(3F',) the old corner of each new corner; NONE in added faces."""
+        """(3F',) the old corner of each new corner. Added faces have NONE."""
         corners = self.face_map[:, None] * 3 + np.arange(3)
         corners[self.turned, 1:] = corners[self.turned, :0:-1]
         corners[self.face_map == NONE] = NONE
@@ -82,9 +83,9 @@ def with_faces(
     *,
     lost: NDArray[np.bool_] | None = None,
 ) -> Change:
-    """Return a change that keeps the faces `keep` (F,) and removes the vertices that only other faces use.
+    """Return a change that keeps the faces `keep` (F,), and removes vertices that no kept face uses.
 
-    It also removes the vertices `lost` (V,), which kept faces do not use.
+    The change also removes the vertices `lost` (V,), which kept faces do not use.
     """
     if keep.all() and lost is None:
         return unchanged(faces, vertex_count)
@@ -102,9 +103,10 @@ def with_faces(
 
 
 def followed_by(first: Change, second: Change) -> Change:
-    """Return two successive changes as one.
+    """Return two successive changes as a single change.
 
-    Their maps must not contain NONE. Copies of vertices are allowed, but added vertices and faces are not.
+    The maps of both changes must not contain NONE. Copies of vertices are allowed, but added vertices and
+    faces are not.
     """
     return Change(
         second.faces,

@@ -1,4 +1,5 @@
-"""Close small holes: rims with few edges and a cap much smaller than the surrounding piece."""
+"""Close small holes: boundary loops (rims) with few edges, and a cap much smaller than the surrounding
+piece."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +11,7 @@ from msb.topology.analysis import Analysis
 from msb.topology.halfedge import NONE, face_of, next_in_face
 from msb.topology.steps.change import Change, Rims, unchanged
 
-# Default maximum number of edges of a rim that is closed.
+# Default maximum number of edges of a boundary loop that is closed.
 MOST_EDGES = 8
 # Default maximum ratio of the area of a cap to the area of its component. A larger cap would close the
 # outline of a piece instead of a hole.
@@ -24,17 +25,18 @@ def close(
     most_edges: int = MOST_EDGES,
     most_share: float = MOST_SHARE,
 ) -> Change:
-    """Close the holes with at most `most_edges` edges; added faces and vertices come last.
+    """Close the holes with at most `most_edges` edges. Added faces and vertices come last.
 
-    A rim of three edges gets one face. A rim of four edges gets two faces that share a diagonal: the shorter
-    one, unless it is already an edge. A longer rim gets a vertex in its middle. Rims stay open if
+    A boundary loop of three edges gets one face. A boundary loop of four edges gets two faces that share a
+    diagonal. The shorter diagonal is used, unless it is already an edge. A longer boundary loop gets a new
+    vertex in its middle. A boundary loop stays open in three cases:
 
-    - the area of their cap exceeds the share `most_share` of the area of their component. Such a rim is the
-      outline of a piece. The cap of a flat piece has the share 1, the cap of a hemisphere 1/2;
-    - they are the outline of a single triangle;
-    - they pass through a vertex twice, change their winding, or end at an edge with more than two faces.
+    - The area of the cap, relative to the area of the component, exceeds `most_share`. Such a loop is the
+      outline of a piece. The cap of a flat piece has the share 1, and the cap of a hemisphere has 1/2.
+    - The loop is the outline of a single triangle.
+    - The loop passes through a vertex twice, changes its winding, or ends at an edge of three or more faces.
 
-    Edges keep at most two faces, and vertices keep their number of fans. Takes O(F log F) time.
+    Edges keep at most two faces, and vertices keep their number of fans. The step takes O(F log F) time.
     """
     analysis = Analysis(points, faces)
     rim = _find_rims(analysis)
@@ -45,7 +47,7 @@ def close(
     around = np.zeros(len(rim.sizes))
     around[rim.loop] = parts.areas[parts.face_component[face_of(rim.halfedge)]]
     small &= cap <= most_share * around
-    # A cap over the outline of a single triangle would only repeat it.
+    # A cap over the outline of a single triangle would only repeat the triangle.
     face = face_of(rim.halfedge)
     lowest, highest = np.full(len(small), len(faces)), np.full(len(small), -1)
     np.minimum.at(lowest, rim.loop, face)
@@ -53,7 +55,7 @@ def close(
     small &= lowest != highest
     if not small.any():
         return unchanged(faces, len(points))
-    # first: a rim edge of each loop, where the construction of its cap starts.
+    # `first` is the boundary edge at which the cap of each loop starts.
     first = np.zeros(len(rim.sizes), np.intp)
     first[rim.loop[::-1]] = np.arange(len(rim.loop))[::-1]
     caps = [_cap_triangles(rim, first[small & (rim.sizes == 3)])]
@@ -79,9 +81,9 @@ Cap = tuple["NDArray[Any]", "NDArray[Any]"]
 
 @dataclass(frozen=True)
 class _RimEdges:
-    """The boundary half-edges and the rims that they form.
+    """The boundary half-edges, and the loops that they form.
 
-    The first five arrays have an entry per rim edge, the last two an entry per loop.
+    The first five arrays have an entry for each boundary edge. The other arrays have an entry for each loop.
 
     Attributes
     ----------
@@ -111,13 +113,15 @@ def _find_rims(analysis: Analysis) -> _RimEdges:
     halfedge = mesh.edge_halfedges[mesh.edge_offsets[boundary.edges]]
     after = next_in_face(halfedge)
     leaves, enters = fans.corner_fan[halfedge], fans.corner_fan[after]
-    # begins_at: the rim edge that leaves each fan. It follows the rim edge that enters the fan.
+    # `begins_at` is the boundary edge that leaves each fan. The edge that leaves a fan follows the boundary
+    # edge that enters this fan.
     begins_at = np.full(len(fans.fan_vertex), NONE, np.intp)
     begins_at[leaves] = np.arange(len(halfedge))
     follows = begins_at[enters]
     loop, start = boundary.chain, mesh.origin[halfedge]
     whole = boundary.closed.copy()
-    # If the winding flips along a rim, two half-edges leave one fan, and no half-edge leaves another fan.
+    # If the winding flips along a boundary, two boundary half-edges leave one fan. Another fan then has no
+    # such half-edge.
     whole[loop[(np.bincount(leaves, minlength=len(begins_at))[leaves] > 1) | (follows == NONE)]] = False
     # A loop that passes through a vertex twice cannot be closed.
     order = np.lexsort((start, loop))
@@ -128,7 +132,7 @@ def _find_rims(analysis: Analysis) -> _RimEdges:
 
 
 def _measure_wedges(points: NDArray[Any], rim: _RimEdges) -> NDArray[np.float64]:
-    """Return the area (B,) of the triangle between each rim edge and the mean position of its rim."""
+    """Return the area (B,) of the triangle between each boundary edge and the mean position of its loop."""
     places = points[rim.start].astype(np.float64)
     middle = np.stack([np.bincount(rim.loop, axis, len(rim.sizes)) for axis in places.T], axis=1)
     middle = middle / np.maximum(rim.sizes, 1)[:, None]
@@ -144,15 +148,17 @@ def _cap_triangles(rim: _RimEdges, first: NDArray[Any]) -> Cap:
 def _cap_quadrangles(
     analysis: Analysis, rim: _RimEdges, first: NDArray[Any]
 ) -> tuple[list[Cap], NDArray[Any]]:
-    """Return caps of two faces each, and the loops in which both diagonals are already edges."""
+    """Return caps of two faces each. Also return the loops of which both diagonals are already edges."""
     count = len(analysis.vertices)
-    # corner, beside (n, 4): vertices of each loop in order, and the face at each rim edge.
+    # `corner` (n, 4) has the vertices of each loop in order. `beside` (n, 4) has the face at each boundary
+    # edge.
     places = _walk_around(rim, first, 4)
     corner = np.stack([rim.start[place] for place in places], axis=1)
     beside = np.stack([face_of(rim.halfedge[place]) for place in places], axis=1)
     where = analysis.vertices[corner].astype(np.float64)
     length = np.linalg.norm(where[:, :2] - where[:, 2:], axis=2)
-    # Try the shorter diagonal first, then the longer one, unless it is already an edge.
+    # Try the shorter diagonal first, then the longer diagonal. A diagonal that is already an edge cannot be
+    # used.
     taken = analysis.mesh.edge_vertices.astype(np.int64)
     taken = taken[:, 0] * count + taken[:, 1]
     caps: list[Cap] = []
@@ -164,7 +170,7 @@ def _cap_quadrangles(
         )
         diagonal = np.sort(ring[:, ::2].astype(np.int64), axis=1)
         key = diagonal[:, 0] * count + diagonal[:, 1]
-        _, earliest = np.unique(key, return_index=True)  # two holes may share a diagonal
+        _, earliest = np.unique(key, return_index=True)  # Two holes may share a diagonal.
         free = np.zeros(len(left), bool)
         free[earliest] = True
         free &= ~np.isin(key, taken)
@@ -179,9 +185,9 @@ def _cap_quadrangles(
 
 
 def _cap_with_middles(rim: _RimEdges, wanted: NDArray[np.bool_], vertex_count: int) -> tuple[Cap, Rims]:
-    """Return the faces between each rim edge and a new vertex, and the rims of the new vertices.
+    """Return the faces between each boundary edge and a new vertex, and the rims of the new vertices.
 
-    `wanted` (n,) marks the loops to close. New vertices are numbered from `vertex_count` on.
+    The argument `wanted` (n,) marks the loops to close. New vertices are numbered from `vertex_count` on.
     """
     inside = np.flatnonzero(wanted[rim.loop])
     inside = inside[np.argsort(rim.loop[inside], kind="stable")]
@@ -193,7 +199,7 @@ def _cap_with_middles(rim: _RimEdges, wanted: NDArray[np.bool_], vertex_count: i
 
 
 def _walk_around(rim: _RimEdges, first: NDArray[Any], count: int) -> list[NDArray[Any]]:
-    """Return `count` arrays (n,): the positions `first`, and the positions that follow around each rim."""
+    """Return `count` arrays (n,): the positions `first`, and the positions that follow around each loop."""
     places = [first]
     for _ in range(count - 1):
         places.append(rim.follows[places[-1]])

@@ -1,4 +1,4 @@
-"""Cut a mesh until it is manifold. Vertices get copies, and faces keep their positions and attributes."""
+"""Cut a mesh until it is manifold. The cut copies vertices, and faces keep their positions and attributes."""
 
 from typing import Any
 
@@ -15,25 +15,25 @@ def cut(faces: NDArray[Any], vertex_count: int) -> Change:
 
     The result is manifold: two-face edges are kept, and every fan gets a separate vertex. At an edge with
     more than two faces, at most two faces stay together. These two faces are the ends of one fan at both
-    vertices of the edge. A manifold mesh does not change. Takes O(F log F) time.
+    vertices of the edge. A manifold mesh does not change. The step takes O(F log F) time.
     """
     mesh = build_half_edges(faces, vertex_count)
     return split_vertices(mesh, *mesh.two_face_halfedges)
 
 
 def split_vertices(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any]) -> Change:
-    """Return the change that keeps faces together only at the given pairs of half-edges.
+    """Return the change that cuts faces apart, except at the given pairs of half-edges.
 
-    The first group of corners of a vertex keeps its number; each further group gets a copy. Faces with a
-    repeated index keep their vertices.
+    The first group of corners at a vertex keeps the vertex's number. Each further group gets a copy. Faces
+    with a repeated index keep their vertices.
     """
     faces = mesh.faces
     count, group = group_corners(mesh, first, second)
     corners = np.flatnonzero(group != NONE)
-    # The first group of each vertex keeps the number, all others get numbers from vertex_count on.
+    # The first group at each vertex keeps the number. All other groups get numbers from vertex_count on.
     group_vertex = np.zeros(count, faces.dtype)
     group_vertex[group[corners]] = mesh.origin[corners]
-    _, keeps = np.unique(group_vertex, return_index=True)  # groups are numbered by their first corner
+    _, keeps = np.unique(group_vertex, return_index=True)  # Groups are numbered by their first corner.
     copied = np.ones(count, bool)
     copied[keeps] = False
     copies = group_vertex[copied]
@@ -49,7 +49,8 @@ def split_vertices(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any]
 def cut_edges(faces: NDArray[Any], vertex_map: NDArray[Any]) -> NDArray[Any]:
     """Return the old end vertices (n, 2) of the old edges that became several edges in `faces`.
 
-    `vertex_map` gives the old vertex of each new vertex; edges with an added vertex (NONE) are ignored.
+    The argument `vertex_map` gives the old vertex of each new vertex. Edges with an added vertex (NONE) are
+    ignored.
     """
     mesh = build_half_edges(faces, len(vertex_map))
     ends = np.sort(vertex_map[mesh.edge_vertices], axis=1)

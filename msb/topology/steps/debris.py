@@ -10,7 +10,7 @@ from msb.topology.faces import face_areas, sum_areas
 from msb.topology.halfedge import build_half_edges, face_of
 from msb.topology.steps.change import Change, with_faces
 
-# Default: components with fewer faces are debris.
+# By default, components with fewer faces than this are debris.
 FEWEST_FACES = 10
 
 
@@ -24,9 +24,10 @@ def debris(
 ) -> Change:
     """Remove components with fewer than `least_faces` faces, or less than `least_share` of the total weight.
 
-    `weights` (F,) are non-negative, for example the pixels that each face covers; the default is the area.
-    Faces with a repeated index belong to no component and are kept. A second run removes nothing, because the
-    shares of the remaining components grow. Takes O(F log F) time.
+    The argument `weights` (F,) must not be negative. The weights are, for example, the pixels that each face
+    covers. The default is the area. Faces with a repeated index belong to no component and are kept. Removing
+    pieces increases the shares of the remaining components, so a second run removes nothing. The step takes
+    O(F log F) time.
     """
     mesh = build_half_edges(faces, len(points))
     pairs = zip(mesh.two_face_halfedges, mesh.chained_halfedges, strict=True)

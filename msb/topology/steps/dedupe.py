@@ -9,5 +9,5 @@ from msb.topology.steps.change import Change, with_faces
 
 
 def dedupe(faces: NDArray[Any], vertex_count: int) -> Change:
-    """Keep the first of all faces with the same three vertices, in any order."""
+    """Keep only the first of all faces with the same three vertices in any order."""
     return with_faces(faces, ~find_duplicate_faces(faces), vertex_count)

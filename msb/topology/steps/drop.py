@@ -1,4 +1,4 @@
-"""Remove faces until no edge has more than two. The choice is greedy and removes few faces."""
+"""Remove faces until no edge has more than two faces. The choice of faces is greedy and removes few faces."""
 
 from typing import Any
 
@@ -10,19 +10,21 @@ from msb.topology.halfedge import NONE, build_half_edges
 from msb.topology.steps.change import Change, followed_by, with_faces
 from msb.topology.steps.cut import cut
 
-# Number of rounds with the strict choice of faces. Later rounds use a weaker rule. With the strict rule, a
-# long chain of faces that wait for each other would take one round per face.
+# Number of rounds with the strict choice of faces. Later rounds use a weaker rule for the choice of faces.
+# With the strict rule, a long chain of faces that wait for each other takes one round per face.
 _ROUNDS = 64
 
 
 def drop(points: NDArray[Any], faces: NDArray[Any], *, weights: NDArray[Any] | None = None) -> Change:
-    """Remove faces at edges with more than two faces. Then copy the vertices where surfaces only touch.
+    """Remove faces at edges with more than two faces.
 
-    Faces with many such edges are removed first. Among equal numbers, the face with the smallest weight (F,)
-    is removed. The default weight is the area. Finding the smallest set of faces is NP-hard (it contains
-    hypergraph matching), so the choice is greedy. Afterwards, removed faces are restored as long as no edge
-    gets a third face. Each round removes many faces that share no such edge. There are few rounds; each takes
-    O(F log F) time. Copies of vertices come last.
+    After the removal, copy the vertices where surfaces only touch. The first faces to remove have the largest
+    number of edges with more than two faces. If the numbers are equal, the face with the smallest weight (F,)
+    is removed. The default weight of a face is its area. Finding the smallest set of faces is NP-hard,
+    because the problem contains hypergraph matching, so the choice is greedy. Afterwards, removed faces are
+    restored as long as no edge gets a third face. Each round removes many faces that do not share edges of
+    three or more faces. The step takes few rounds, and each round takes O(F log F) time. Copies of vertices
+    come last.
     """
     mesh = build_half_edges(faces, len(points))
     weight = face_areas(points, faces)[0] if weights is None else np.asarray(weights, np.float64)
@@ -38,19 +40,20 @@ def drop(points: NDArray[Any], faces: NDArray[Any], *, weights: NDArray[Any] | N
 def _remove(
     keep: NDArray[np.bool_], edges: NDArray[Any], multiplicity: NDArray[Any], weight: NDArray[np.float64]
 ) -> None:
-    """Clear `keep` of faces until no edge has more than two. No edge loses more faces than necessary."""
+    """Clear `keep` for some faces until no edge has more than two faces. No edge loses more faces than
+    necessary."""
     count = multiplicity.copy()
     round_number = 0
     while True:
         face, edge = _list_faces_at(edges, np.flatnonzero(keep), count > 2)
         if len(face) == 0:
             return
-        # order: faces with many crowded edges first, then faces with a small weight.
+        # `order` lists faces with many crowded edges first, then faces with a small weight.
         score = np.bincount(face, minlength=len(keep))
         among = np.flatnonzero(score)
         order = np.lexsort((_scramble(among), weight[among], -score[among]))
         first = _take_first_in_line(face, edge, among[order], len(keep), count - 2)
-        # Remove a face only if it is among the first in line at all of its crowded edges.
+        # Remove a face only if it is among the first faces in `order` at all of its crowded edges.
         going = np.bincount(face[first], minlength=len(keep))
         gone = np.flatnonzero((going > 0) & ((going == score) | (round_number >= _ROUNDS)))
         keep[gone] = False
@@ -61,7 +64,7 @@ def _remove(
 def _restore(
     keep: NDArray[np.bool_], edges: NDArray[Any], edge_count: int, weight: NDArray[np.float64]
 ) -> None:
-    """Set `keep` of removed faces that can be restored. Faces with a large weight come first."""
+    """Set `keep` for removed faces that can be restored. Faces with a large weight are restored first."""
     proper = keep & (edges[:, 0] != NONE)
     count = np.bincount(edges[proper].reshape(-1), minlength=edge_count)
     round_number = 0
@@ -70,7 +73,7 @@ def _restore(
         out = out[(count[edges[out]] < 2).all(axis=1)]
         if len(out) == 0:
             return
-        # Restore a face only if it is among the first in line at all three edges.
+        # Restore a face only if it is among the first faces in order at all three edges.
         face, edge = np.repeat(out, 3), edges[out].reshape(-1)
         ties = _scramble(out)
         order = np.lexsort((ties, -weight[out])) if round_number < _ROUNDS else np.argsort(ties)
@@ -84,7 +87,7 @@ def _restore(
 def _list_faces_at(
     edges: NDArray[Any], faces: NDArray[Any], wanted: NDArray[np.bool_]
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return each edge of `faces` marked in `wanted` (E,): the faces (n,) and their edges (n,)."""
+    """Return the faces of all edges that `wanted` (E,) marks, as face numbers (n,) and their edges (n,)."""
     faces = faces[edges[faces, 0] != NONE]
     place = np.flatnonzero(wanted[edges[faces]])
     return faces[place // 3], edges[faces].reshape(-1)[place]
@@ -93,9 +96,9 @@ def _list_faces_at(
 def _take_first_in_line(
     face: NDArray[Any], edge: NDArray[Any], line: NDArray[Any], face_count: int, room: NDArray[Any]
 ) -> NDArray[Any]:
-    """Return the pairs (face, edge) whose face is among the first ``room[edge]`` faces of the edge.
+    """At each edge, select the first ``room[edge]`` faces. Return the selected pairs (face, edge).
 
-    `line` lists faces in order of preference.
+    The argument `line` lists faces in order of preference.
     """
     place = np.zeros(face_count, np.int64)
     place[line] = np.arange(len(line))
@@ -108,6 +111,6 @@ def _take_first_in_line(
 def _scramble(numbers: NDArray[Any]) -> NDArray[np.uint32]:
     """Return reproducible pseudo-random numbers that break ties.
 
-    Without them, neighbours wait for each other.
+    Without these numbers, many rounds would be needed, because neighbouring faces wait for each other.
     """
     return numbers.astype(np.uint32) * np.uint32(2654435761)

@@ -1,12 +1,14 @@
 """Cut one-sided surfaces, such as Moebius strips, along short loops of edges until they have two sides.
 
-Walking along edges carries a sense of rotation from vertex to vertex. A loop that returns with the opposite
-sense is one-sided, and a cut along it removes that loop. The whole rim of a hole counts as one vertex.
-Therefore a cut from rim to rim is a loop, too, and a strip is cut across, not lengthwise.
+A walk along edges carries a sense of rotation from vertex to vertex. A loop is one-sided if the sense of
+rotation is reversed at its end. A cut along the loop removes the loop. In the search, the whole rim of a hole
+counts as one vertex. Therefore a cut from one rim to another rim is also a loop. A strip is cut across its
+width.
 
-Turning faces never makes a one-sided loop consistent: it always passes an edge whose two faces have opposite
-windings. The search for short loops therefore starts at the ends of these edges. The search finds many loops
-at once. A loop is cut only if its two sides cannot be wound consistently.
+Turning faces never makes a one-sided loop consistent. The loop always passes an edge whose two faces have
+opposite windings. The search for short loops therefore starts at edges whose two faces have opposite
+windings. The search finds many loops in one pass. A loop of edges is cut only if its two sides cannot be
+wound consistently.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from msb.topology.steps.change import Change, followed_by, unchanged
 from msb.topology.steps.cut import split_vertices
 from msb.topology.steps.sides import Sides, find_sides, find_sides_of_faces
 
-# After this number of visited places the search drops every second start, to limit time and memory.
+# Above this number of visited search states, the search drops every second start, to limit time and memory.
 _VISITS = 500_000
 
 
@@ -32,9 +34,9 @@ def cut_one_sided(
 ) -> tuple[Change, int, int]:
     """Return the change, the number of cuts, and the number of cut edges. No component stays one-sided.
 
-    Components are joined across two-face edges. Copies of the vertices along a cut come last; faces keep
-    their positions. A mesh without one-sided components is not changed. With `only_manifold`, a mesh that has
-    an edge with more than two faces is not changed either, because cutting would separate all such edges.
+    Components are joined across two-face edges. Copies of the vertices along a cut are last. Faces keep their
+    positions. A mesh without one-sided components is not changed. If `only_manifold` is true, a mesh with
+    edges of more than two faces is not changed, because cutting would separate all such edges.
     """
     change, cuts, edges = unchanged(faces, vertex_count), 0, 0
     while True:
@@ -53,14 +55,15 @@ def cut_one_sided(
 def _find_loops_to_cut(
     mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any], sides: Sides
 ) -> list[NDArray[Any]]:
-    """Return the shortest necessary loops of each one-sided component, as numbers of its two-face edges.
+    """Return the shortest necessary loops of each one-sided component.
 
-    `first` and `second` are the half-edges (E2,) of the two-face edges.
+    A loop consists of numbers of two-face edges. The arguments `first` and `second` are the half-edges (E2,)
+    of the two-face edges.
     """
     differ = mesh.origin[first] == mesh.origin[second]
     face, beyond = face_of(first), face_of(second)
     clash = differ ^ sides.other[face] ^ sides.other[beyond]
-    # A node of the search is the set of all corners around a vertex or along a rim. All corners of a face
+    # A node of the search is the set of all corners around a vertex, or along a rim. All corners of a face
     # have the same sense of rotation.
     (low, high), across = find_end_corners(mesh, first), find_end_corners(mesh, second)
     rim = mesh.edge_halfedges[np.repeat(mesh.multiplicity != 2, mesh.multiplicity)]
@@ -75,7 +78,7 @@ def _find_loops_to_cut(
     steps = _Steps(nodes.label[low], nodes.label[high], odd, component, clash[inside], passed)
     loops = [inside[loop] for loop in _find_shortest_odd_loops(steps)]
 
-    # A loop is unnecessary if the pieces between all loops can be wound consistently across it.
+    # A loop is unnecessary if the pieces on both sides of the loop can be wound consistently.
     cut = np.concatenate(loops)
     rest = np.delete(np.arange(len(first)), cut)
     pieces = find_sides(mesh.face_count, face[rest], beyond[rest], differ[rest])
@@ -92,19 +95,19 @@ def _find_loops_to_cut(
 
 @dataclass(frozen=True)
 class _Steps:
-    """Steps (n,) between nodes.
+    """The steps (n,) between nodes of the search.
 
     Attributes
     ----------
     near, far : (n,) integers
-        The nodes at both ends.
+        The nodes at both ends of each step.
     odd : (n,) bool
         Whether the step reverses the sense of rotation.
     component : (n,) integers
     start : (n,) bool
         Whether searches start at this step.
     passed : (n, 2) integers
-        The vertices at both ends; several vertices may be one node.
+        The vertices at both ends of each step; several vertices may be one node.
     """
 
     near: NDArray[Any]
@@ -117,11 +120,11 @@ class _Steps:
 
 @dataclass(frozen=True)
 class _Level:
-    """The sorted places (n,) that a breadth-first search reaches after the same number of steps.
+    """The sorted states `place` (n,) that a breadth-first search reaches after some number of steps.
 
-    A place is one number for three values: a start, a node, and the parity of the odd steps between them.
-    `before` is the row of the previous level from which the search came. `step` is the step from there to
-    this place.
+    A search state is one number for three values: a start, a node, and the parity of the odd steps between
+    the start and the node. The field `before` is the row of the previous search state in the previous level.
+    The field `step` is the step from the previous state to this state.
     """
 
     place: NDArray[np.int64]
@@ -133,11 +136,12 @@ class _Level:
 
 
 def _find_shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
-    """Return short loops with an odd number of odd steps, as rows of `steps`. No two loops share a vertex.
+    """Return short loops with an odd number of odd steps, as row numbers of `steps`.
 
-    Every odd loop takes a step that is marked as a start. A single breadth-first search runs from all starts.
-    Two paths from one start to the same node form an odd loop if their parities differ. The search of a
-    component ends at the level with its first loops, because these are the shortest.
+    No two loops share a vertex. Every loop with an odd number of odd steps contains a step that is marked as
+    a start. A single breadth-first search runs from all starts. Two paths from one start to the same node
+    form an odd loop if their parities differ. The search in a component ends at the level with its first
+    loops, because these loops are the shortest.
     """
     # Adjacency: the steps that leave each node, as ranges first[node] : first[node + 1].
     nodes, ends = np.unique(np.concatenate([steps.near, steps.far]), return_inverse=True)
@@ -146,7 +150,7 @@ def _find_shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
     first = np.searchsorted(ends, np.arange(len(nodes) + 1), sorter=leaving)
     to, step = ends[(leaving + count) % (2 * count)], (leaving % count).astype(np.int32)
 
-    # Level 0 holds every start, with even parity.
+    # Level 0 holds every start with even parity.
     starts, rows = np.unique(ends[:count][steps.start], return_index=True)
     component = steps.component[steps.start][rows]
     none = np.zeros(0, np.int32)
@@ -154,7 +158,7 @@ def _find_shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
     loops: list[NDArray[Any]] = []
     taken, visits = np.zeros(1 + steps.passed.max(), bool), 0
     while len(levels[-1].place):
-        # Take every step that leaves the current places, and keep places not reached before.
+        # Take every step that leaves the current states, and keep states that were not reached before.
         here = levels[-1].place
         node = here % size // 2
         exits = first[node + 1] - first[node]
@@ -167,7 +171,7 @@ def _find_shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
         new = new[~np.isin(there[new], np.concatenate([level.place for level in levels[-2:]]))]
         levels.append(reached[new])
 
-        # Two paths to the same node with different parity close a loop.
+        # Two paths to the same node close an odd loop if their parities differ.
         alive = np.ones(len(new), bool)
         start = levels[-1].place // size
         for mirror in (len(levels) - 2, len(levels) - 1):

@@ -15,11 +15,11 @@ from msb.topology.steps.sides import find_sides_of_faces
 def orient(faces: NDArray[Any], vertex_count: int, *, only_turn: bool = False) -> Change:
     """Turn faces so that the two faces of every two-face edge run along it in opposite directions.
 
-    Components are joined across two-face edges. In each component the minority of faces is turned. If both
-    halves are equal, the first face stays. A one-sided component (a Moebius strip) is cut first. The cut
-    copies vertices; a note gives the number of cuts and cut edges. With `only_turn`, a mesh that has an edge
-    with more than two faces is not cut, because cutting would separate all such edges. Takes O(F log F) time
-    without one-sided components.
+    Components are joined across two-face edges. In each component the minority of faces is turned. If exactly
+    half of the faces would be turned, the first face keeps its winding. A one-sided component, such as a
+    Moebius strip, is cut first. The cut copies vertices. A note gives the number of cuts and cut edges. If
+    `only_turn` is true, a mesh with edges of more than two faces is not cut, because cutting would separate
+    all such edges. The step takes O(F log F) time without one-sided components.
     """
     change, cuts, edges = cut_one_sided(faces, vertex_count, only_manifold=only_turn)
     turned = turn_faces(change.faces, len(change.vertex_map))
@@ -32,7 +32,7 @@ def orient(faces: NDArray[Any], vertex_count: int, *, only_turn: bool = False) -
 
 
 def turn_faces(faces: NDArray[Any], vertex_count: int) -> Change:
-    """Turn faces like `orient`, but without cutting; some edges of a one-sided surface stay inconsistent.
+    """Turn faces like `orient`, but without cutting. Some edges of a one-sided surface stay inconsistent.
 
     Edges that are already consistent are preferred. A second run therefore turns no face.
     """

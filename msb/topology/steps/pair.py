@@ -1,4 +1,4 @@
-"""Join faces in pairs at edges with more than two faces, and cut the remaining ones."""
+"""Join faces in pairs at edges with more than two faces, and cut the remaining faces."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -12,10 +12,10 @@ from msb.topology.steps.change import Change
 from msb.topology.steps.cut import split_vertices
 from msb.topology.steps.sides import find_sides, find_sides_of_faces, find_spanning_tree
 
-# Cost of the colour difference between black and white; a fold by 180 degrees costs 1.
+# Cost of the colour difference between black and white, relative to a fold by 180 degrees, which costs 1.
 COLOR_WEIGHT = 0.25
-# Up to this number, the faces of an edge are compared pairwise. Of more faces, those half a turn apart are
-# paired.
+# Up to this number of faces at an edge, all faces are compared pairwise. At edges with more faces, each face
+# is paired with the face half a turn away.
 MOST_COMPARED = 16
 # Number of edges per batch.
 _CHUNK = 1 << 16
@@ -29,21 +29,22 @@ def pair(
     face_colors: NDArray[Any] | None = None,
     color_weight: float = COLOR_WEIGHT,
 ) -> Change:
-    """Make a mesh manifold by copying vertices, so that faces which continue each other stay together.
+    """Make a mesh manifold by copying vertices. Faces that continue each other stay connected.
 
     Colours are in [0, 1], by vertex (V, c) or by face (F, c). With vertex colours, the vertices opposite
     to an edge are compared. Copies of vertices come last.
 
-    1. The cost of joining two faces at an edge is (1 + cos a) / 2 for the angle a between them: 0 if flat, 1
-       if folded. `color_weight` times the distance of their colours is added; black and white have the
-       distance 1. At each edge with more than two faces the cheapest pair is joined, then the cheapest pair
-       of the remaining faces, and so on.
-    2. A consistent winding must remain possible. Therefore a minimum spanning forest of the pairs between
-       parts of the surface is kept. Further pairs are kept if they agree with its winding.
-    3. Two pairs of one edge are separated if fans connect them at both ends of the edge. Otherwise four faces
-       would still share the edge. A separation makes fans smaller and never joins them, so one pass suffices.
+    1. Two faces at an edge have the joining cost (1 + cos a) / 2, where a is the angle between the faces. The
+       cost is 0 for flat faces and 1 for folded faces. A colour difference adds `color_weight` times the
+       distance of the colours, which is 1 for black and white. At each edge with more than two faces, the
+       cheapest pair of faces is joined first, then the cheapest pair of the remaining faces.
+    2. Joining must not make a consistent winding impossible. Therefore the step keeps a minimum spanning
+       forest of the pairs between parts of the surface. Other pairs are kept if they agree with the winding
+       of this forest.
+    3. Fans may connect two pairs at both ends of an edge. The two pairs are separated, because otherwise four
+       faces would still share the edge. Separating a pair never joins fans, so one pass is enough.
 
-    Takes O(F log F) time. A manifold mesh does not change.
+    The step takes O(F log F) time. A manifold mesh does not change.
     """
     mesh = build_half_edges(faces, len(points))
     first, second = mesh.two_face_halfedges
@@ -100,9 +101,10 @@ def _find_apexes(mesh: HalfEdgeMesh, group: NDArray[Any]) -> NDArray[Any]:
 def _compute_directions(
     mesh: HalfEdgeMesh, points: NDArray[Any], group: NDArray[Any]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return unit vectors (n, k, 3) in each face at a right angle to its edge, and (n, 3) along the edge.
+    """Return two arrays of unit vectors.
 
-    They are zero for a face without height or an edge without length.
+    The vectors (n, k, 3) lie in each face at a right angle to the edge, and the vectors (n, 3) lie along the
+    edge. The vectors are zero for a face without height or an edge without length.
     """
     ends = np.sort(np.stack([mesh.origin[group[:, 0]], mesh.origin[next_in_face(group[:, 0])]]), axis=0)
     low, high = points[ends].astype(np.float64)
@@ -128,9 +130,10 @@ def _measure_color_distances(colors: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def _choose_cheapest(table: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[np.float64]]:
-    """Return greedily chosen pairs (n, k // 2, 2) and their costs. Of equal costs the first pair wins.
+    """Return greedily chosen pairs (n, k // 2, 2) and the costs of these pairs.
 
-    `table` (n, k, k) holds the costs of all pairs of the k faces at each of n edges.
+    If costs are equal, the first pair wins. The argument `table` (n, k, k) holds the costs of all pairs of
+    the k faces at each of n edges.
     """
     count, size, _ = table.shape
     first, second = np.triu_indices(size, 1)
@@ -148,7 +151,10 @@ def _choose_cheapest(table: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[
 
 
 def _pair_opposite(sides: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[Any]:
-    """Return the pairs (n, k // 2, 2) of faces half a turn apart in the order around each edge."""
+    """Pair the faces that are half a turn apart in the order around each edge.
+
+    Return the pairs (n, k // 2, 2).
+    """
     count, size, _ = sides.shape
     axis = np.zeros_like(along)
     axis[np.arange(count), np.abs(along).argmin(axis=1)] = 1
@@ -163,9 +169,10 @@ def _pair_opposite(sides: NDArray[np.float64], along: NDArray[np.float64]) -> ND
 def _keep_windable(mesh: HalfEdgeMesh, joined: NDArray[Any], cost: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return a mask (n,) of the pairs to keep, so that a consistent winding stays possible.
 
-    Cheap pairs come first.
+    Cheap pairs are considered first.
     """
-    # Parts are components across two-face edges. A pair must agree with the winding inside its parts.
+    # Parts are components across two-face edges. A pair is kept only if it agrees with the winding inside the
+    # parts that it joins.
     sides = find_sides_of_faces(mesh)
     _, part = np.unique(sides.label, return_inverse=True)
     count = int(part.max(initial=-1)) + 1
@@ -181,12 +188,15 @@ def _keep_windable(mesh: HalfEdgeMesh, joined: NDArray[Any], cost: NDArray[np.fl
 
 
 def _keep_manifold(mesh: HalfEdgeMesh, joined: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return a mask (n,) of the pairs that leave at most two faces at each edge once vertices are split."""
+    """Return a mask (n,) of the joined pairs to keep.
+
+    With these pairs, splitting the vertices leaves at most two faces at each edge.
+    """
     first, second = mesh.two_face_halfedges
     first, second = np.concatenate([first, joined[:, 0]]), np.concatenate([second, joined[:, 1]])
     _, group = group_corners(mesh, first, second)
-    # Sort the half-edges of crowded edges by edge and by the groups at both ends. A run of more than two
-    # equal entries would stay crowded.
+    # Sort the half-edges of crowded edges by edge and by the groups at both ends. More than two equal entries
+    # mean that more than two faces would stay at an edge.
     crowded = mesh.edge_halfedges[np.repeat(mesh.multiplicity > 2, mesh.multiplicity)]
     ends = np.stack([mesh.edge[crowded], *(group[corner] for corner in find_end_corners(mesh, crowded))])
     order = np.lexsort(ends)

@@ -1,4 +1,4 @@
-"""The two sides of a surface: which faces are wound the other way, and which components are one-sided."""
+"""The two sides of a surface: which faces have the opposite winding, and which components are one-sided."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -30,7 +30,7 @@ class Sides:
 
 
 def find_sides_of_faces(mesh: HalfEdgeMesh) -> Sides:
-    """Return which faces of each component, joined across two-face edges, are wound the other way."""
+    """Return which faces of each component, joined across two-face edges, have the opposite winding."""
     first, second = mesh.two_face_halfedges
     clash = mesh.origin[first] == mesh.origin[second]
     return find_sides(mesh.face_count, face_of(first), face_of(second), clash)
@@ -39,11 +39,12 @@ def find_sides_of_faces(mesh: HalfEdgeMesh) -> Sides:
 def find_sides(count: int, first: NDArray[Any], second: NDArray[Any], differ: NDArray[np.bool_]) -> Sides:
     """Return the sides of `count` nodes.
 
-    Given are pairs of nodes (n,) on equal sides, or on opposite sides (`differ`). The double cover of the
-    graph has two copies of each node, one per side. Every pair connects the copies on the sides that the pair
-    requires. A component is two-sided if its cover has two parts. In a one-sided component some pairs cannot
-    be satisfied. All pairs that require equal sides are satisfied. Of the pairs that require opposite sides,
-    those of a spanning tree are satisfied. Takes O(n log n) time, or O(n) without one-sided components.
+    The input consists of pairs of nodes (n,). A pair is on opposite sides if `differ` is true, otherwise on
+    equal sides. The double cover of the graph has two copies of each node, one per side. A pair connects
+    copies on the same side, or on opposite sides if `differ` is true. A component is two-sided if its cover
+    has two parts. In a one-sided component some pairs cannot be satisfied. All pairs that require equal sides
+    are satisfied. Of the pairs that require opposite sides, only the pairs of a spanning tree are satisfied.
+    The function takes O(n log n) time, or O(n) without one-sided components.
     """
     # Nodes that must be on equal sides become one node.
     nodes, part = label_components(count, first[~differ], second[~differ])
@@ -52,12 +53,11 @@ def find_sides(count: int, first: NDArray[Any], second: NDArray[Any], differ: ND
 
 
 def _find_sides_of_parts(count: int, first: NDArray[Any], second: NDArray[Any]) -> Sides:
-    """Assign each of `count` nodes to one of two sides, so that the nodes of every pair are on opposite
-    sides."""
+    """Assign each of `count` nodes to one of two sides. The nodes of every pair must be on opposite sides."""
     labels = _label_double_cover(count, first, second)
     one_sided = labels[:count] == labels[count:]
     if one_sided.any():
-        # Use only a spanning tree of the pairs inside one-sided components; others keep all pairs.
+        # In one-sided components, use only the pairs of a spanning tree. Keep all pairs of other components.
         inside = np.flatnonzero(one_sided[first])
         inside = inside[first[inside] != second[inside]]
         tree = inside[find_spanning_tree(count, first[inside], second[inside], np.ones(len(inside)))]
@@ -71,7 +71,7 @@ def find_spanning_tree(
 ) -> NDArray[Any]:
     """Return the numbers of the pairs of a minimum spanning forest.
 
-    The ends of each pair differ, and all `cost` (n,) are positive.
+    The two ends of each pair differ, and all `cost` (n,) are positive.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import minimum_spanning_tree
@@ -80,7 +80,7 @@ def find_spanning_tree(
     order = np.lexsort((cost, high, low))
     is_new = np.ones(len(order), bool)
     is_new[1:] = (low[order][1:] != low[order][:-1]) | (high[order][1:] != high[order][:-1])
-    best = order[is_new]  # the cheapest pair between each two nodes
+    best = order[is_new]  # Keep the cheapest pair between each two nodes.
     # Use ranks instead of costs, so that the order of the nodes decides between equal costs.
     rank = np.zeros(len(best))
     rank[np.argsort(cost[best], kind="stable")] = np.arange(1, len(best) + 1)

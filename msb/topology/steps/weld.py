@@ -10,9 +10,9 @@ from msb.topology.weld import Weld, merge_coincident
 
 
 def weld(points: NDArray[Any], faces: NDArray[Any], distance: Weld = "exact") -> Change:
-    """Merge coincident vertices as the weld of the audit does, and remove the faces that collapse.
+    """Merge coincident vertices like the weld of the audit, and remove the faces that collapse.
 
-    The first vertex of each merged set is kept with its values.
+    The first vertex of each merged set is kept, with its attribute values.
     """
     kept, number = merge_coincident(points, distance)
     new = number.astype(faces.dtype)[faces]

@@ -1,1 +1,1 @@
-"""The tasks. Each module defines a tuple `TASKS`, and is listed in `msb.trial.registry`."""
+"""The tasks. Each module of this package defines a tuple `TASKS`, and is listed in `msb.trial.registry`."""

@@ -1,4 +1,4 @@
-"""Boolean with a box by manifold3d: subtract a box that covers half of the mesh."""
+"""Boolean operation by manifold3d: subtract a box that covers half of the mesh."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,8 @@ from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task
 from msb.trial.tasks.decimate import draw_side_by_side
 from msb.trial.tasks.solid import INWARDS, build_solid
 
-# Largest relative difference between the volume of the mesh and the sum of its parts. Correct booleans differ
-# by rounding only.
+# Largest relative difference between the volume of the mesh and the sum of its parts. A correct boolean
+# operation causes only rounding differences.
 TOLERANCE = 0.01
 
 
@@ -23,8 +23,8 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
     solid, numbers = build_solid(mesh)
     if solid is None:
         return Output(numbers)
-    # Along the longest side, the box covers half of the mesh. Along the other sides it covers the whole mesh
-    # and a margin.
+    # Along the longest side, the box covers half of the mesh. Along the other sides, the box covers the whole
+    # mesh and a margin.
     used = mesh.vertices[mesh.faces].reshape(-1, 3).astype(np.float64)
     low, high = used.min(axis=0), used.max(axis=0)
     margin = 0.1 * float((high - low).max())
@@ -46,9 +46,7 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
 
 
 def _nearest_colors(mesh: TrialMesh, points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return for each point the colour (n, 3) of the nearest vertex of `mesh`, because the library drops
-    colours.
-    """
+    """Return the colour (n, 3) of the vertex of `mesh` nearest to each point."""
     from scipy.spatial import cKDTree
 
     used = np.unique(mesh.faces)
@@ -61,12 +59,12 @@ def _judge(_: TrialMesh, outputs: Outputs, __: Renderings) -> Judgement:
     if not numbers["accepted_merged"]:
         return Judgement("fails", f"manifold3d rejects the mesh: {numbers['status']}", numbers)
     whole, left, taken = (numbers[name] for name in ("volume", "volume_left", "volume_taken"))
-    size = max(abs(whole), abs(left) + abs(taken))  # volumes of opposite winding may cancel out
+    size = max(abs(whole), abs(left) + abs(taken))  # Volumes of opposite winding may cancel out.
     error = abs(left + taken - whole) / size if size else 1.0
     numbers = {**numbers, "volume_error": error}
     if error > TOLERANCE:
         return Judgement(
-            "fails", f"the volume of the parts differs from the mesh by {100 * error:.0f} %", numbers
+            "fails", f"the total volume of the parts differs from the mesh by {100 * error:.0f} %", numbers
         )
     if not numbers["accepted"]:
         return Judgement("care", "manifold3d accepts the mesh only after merging vertices", numbers)
@@ -80,7 +78,7 @@ def _summarize(numbers: Numbers) -> str:
         return ""
     left, taken = abs(numbers["volume_left"]), abs(numbers["volume_taken"])
     share = left / ((left + taken) or 1.0)
-    return f"{numbers['faces_left']:,} faces left, {100 * share:.0f} % of the volume"
+    return f"{numbers['faces_left']:,} faces remain, {100 * share:.0f} % of the volume"
 
 
 TASKS = (

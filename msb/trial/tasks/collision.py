@@ -1,7 +1,7 @@
-"""Collision shape by CoACD.
+"""Make a collision shape with CoACD.
 
-It is judged by its convex parts, its distance from the visible surface, and its protrusion. If CoACD fails,
-the task tries a convex hull (for moving objects) and a decimated mesh (for static objects).
+The shape is judged by its convex parts, its distance from the visible surface, and its protrusion. If CoACD
+fails, the task tries a convex hull (for moving objects) and a decimated mesh (for static objects).
 """
 
 from typing import Any
@@ -18,22 +18,23 @@ from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, c
 from msb.trial.tasks.decimate import decimate_with_pymeshlab, draw_side_by_side
 
 # Limits of the distance from the visible surface to the shape for "works" and for "works with limitations".
-# The distance is the 95 % quantile over the surface, as a fraction of the bounding-box diagonal.
+# The limit applies to the 95 % quantile of the distances on the surface. The unit is the bounding-box
+# diagonal.
 NEAR, FAR = 0.02, 0.05
 # Limits of the protruding fraction of the shape for "works" and for "works with limitations". A part of the
-# shape protrudes if cameras see empty space at its place.
+# shape protrudes if a camera sees empty space in its place.
 LITTLE, MUCH = 0.1, 0.3
-# A point protrudes if it is farther than this in front of the surface, as a fraction of the diagonal.
+# A point protrudes if its distance in front of the surface exceeds this fraction of the diagonal.
 TOLERANCE = 0.01
-# Number of sample points on the visible surface, and in the volume of the shape. With 20,000 points,
-# fractions have a standard error below 0.4 %.
+# Number of sample points on the visible surface, and number of sample points in the volume of the shape. With
+# 20,000 points, the standard error of fractions is below 0.4 %.
 _POINTS = 20_000
-# Faces of the decimated mesh, in percent of the original.
+# Number of faces of the decimated mesh, in percent of the original number.
 _PERCENT = 10
 
 
 def _prepare(_: TrialMesh, renderings: Renderings) -> dict[str, NDArray[Any]]:
-    """Sample the visible surface: the array "visible" (n, 3)."""
+    """Sample the visible surface. The result is the array "visible" (n, 3)."""
     points = renderings.visible_points(_POINTS)
     return {} if points is None else {"visible": points}
 
@@ -46,7 +47,7 @@ def _decompose(mesh: TrialMesh, given: Arrays) -> Output:
     parts = coacd.run_coacd(coacd.Mesh(mesh.vertices.astype(np.float64), mesh.faces.astype(np.int32)))
     if not parts:
         raise ValueError("it returns no part")
-    # Concatenate the parts: points (n, 3) and faces (F, 3), with indices moved behind earlier parts.
+    # Concatenate the parts to points (n, 3) and faces (F, 3), with indices offset by the earlier points.
     sizes = [len(points) for points, _ in parts]
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
     points = np.concatenate([np.asarray(vertices, np.float64) for vertices, _ in parts])
@@ -65,7 +66,8 @@ def _make_hull(mesh: TrialMesh, given: Arrays) -> Output:
     """Make the convex hull of the mesh with manifold3d."""
     import manifold3d
 
-    # Limit the number of corners of the hull. Use only the farthest vertices in a fixed set of directions.
+    # Limit the number of corners of the convex hull. Use only the farthest vertices in a fixed set of
+    # directions.
     used = mesh.vertices[np.unique(mesh.faces)].astype(np.float64)
     farthest = np.unique([int((used @ direction).argmax()) for direction in hull_directions(HULL_CORNERS)])
     solid = manifold3d.Manifold.hull_points(used[farthest]).to_mesh()
@@ -83,14 +85,14 @@ def _make_hull(mesh: TrialMesh, given: Arrays) -> Output:
 
 
 def _decimate(mesh: TrialMesh, given: Arrays) -> Output:
-    """Decimate the mesh with PyMeshLab, and measure how much of the result is far from the mesh."""
+    """Decimate the mesh with PyMeshLab, and measure the share of the result that is far from the mesh."""
     import igl
 
     shape = decimate_with_pymeshlab(mesh, {}, percent=_PERCENT).meshes["mesh"]
     if not len(shape.faces):
         raise ValueError("no face is left")
     # Sample points (n, 3) uniformly on the surface, with normalised exponential variables as barycentric
-    # coordinates. Points far from the mesh protrude.
+    # coordinates. Sample points far from the mesh protrude.
     rng = np.random.default_rng(0)
     corners = shape.vertices[
         shape.faces[
@@ -126,7 +128,7 @@ def sample_inside(
 ) -> NDArray[np.float64]:
     """Return `count` reproducible points (count, 3), distributed uniformly over the volume of convex parts.
 
-    Each part is split into tetrahedra. A tetrahedron connects a face of the part with its centre. Four
+    Each convex part is split into tetrahedra. A tetrahedron connects a face of the part with its centre. Four
     exponential variables divided by their sum are uniformly distributed barycentric coordinates.
     """
     rng = np.random.default_rng(0)
@@ -136,8 +138,8 @@ def sample_inside(
             continue
         points, faces = np.asarray(points, np.float64), np.asarray(faces, np.int64)
         corners = points[faces]
-        # Volumes (F,) of the tetrahedra, up to a constant factor. Choose a tetrahedron for each point by
-        # volume.
+        # Volumes (F,) of the tetrahedra, up to a constant factor. Choose a tetrahedron for each point, with
+        # probability proportional to its volume.
         centre = points.mean(axis=0)
         sizes = np.abs(
             np.einsum("fi,fi->f", corners[:, 0] - centre, np.cross(*(corners[:, k] - centre for k in (1, 2))))
@@ -156,8 +158,8 @@ def _normalize(sizes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _judge(mesh: TrialMesh, outputs: Outputs, renderings: Renderings) -> Judgement:
-    # Judge all shapes; the best one counts. Without a shape from CoACD, the best possible outcome is "works
-    # with limitations".
+    # Judge all shapes, and use the best shape. Without a shape from CoACD, the best possible outcome is
+    # "works with limitations".
     shapes = {library: _judge_shape(mesh, output, renderings) for library, output in outputs.items()}
     best = min(shapes, key=lambda library: shapes[library].rank)
     judgement = shapes[best]
@@ -198,7 +200,7 @@ def _format_brackets(numbers: Numbers) -> str:
 
 
 def _list_measures(numbers: Numbers) -> list[str]:
-    """Return the known ones of distance and protrusion in words."""
+    """Return the known values of distance and protrusion as a sentence."""
     relative, empty = numbers["distance_95_of_diagonal"], numbers["empty_share"]
     parts = []
     if relative is not None:
@@ -210,9 +212,9 @@ def _list_measures(numbers: Numbers) -> list[str]:
 
 
 def _summarize(numbers: Numbers) -> str:
-    """Return the numbers of CoACD's shape.
+    """Return a text with the numbers of the shape from CoACD.
 
-    For a fallback the text is empty, because the reason for the outcome describes it.
+    Fallbacks have no text, because the reason for the outcome already names the shape.
     """
     if "instead" in numbers:
         return ""

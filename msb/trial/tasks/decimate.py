@@ -1,4 +1,7 @@
-"""Decimation to 50, 25 and 10 % of the faces by two libraries. The better result counts."""
+"""Decimate a mesh to 50, 25 and 10 % of its faces with two libraries.
+
+The better result determines the outcome.
+"""
 
 from functools import partial
 from typing import Any
@@ -22,7 +25,7 @@ from msb.trial.task import (
     pick_worst,
 )
 
-# A result may have up to this multiple of the requested faces.
+# A result may have this factor times the requested number of faces.
 SLACK = 1.05
 
 
@@ -39,9 +42,9 @@ def _decimate_with_fast_simplification(mesh: TrialMesh, _: Arrays, *, percent: i
     *_mesh, collapses = fast_simplification.simplify(
         mesh.vertices, faces, target_count=_count_target_faces(mesh, percent), return_collapses=True
     )
-    # The library drops colours. Replay the collapses to find the new vertex of each old vertex (-1 if its
-    # faces are gone). The colour of a new vertex is the average over the used old vertices that were merged
-    # into it.
+    # The library drops vertex colours. Repeat the edge collapses to find the new vertex of each old vertex
+    # (-1 if its faces were removed). The colour of a new vertex is the average colour of the old vertices
+    # that were merged into it.
     vertices, kept, merged = fast_simplification.replay_simplification(mesh.vertices, faces, collapses)
     used = np.unique(mesh.faces)
     used = used[np.asarray(merged)[used] >= 0]
@@ -76,7 +79,7 @@ def _judge(mesh: TrialMesh, outputs: Outputs, renderings: Renderings, *, percent
     best: tuple[int, bool, float] | None = None
     outcome: Outcome = "fails"
     why: str | None = None
-    # Grade each library. Rank libraries by outcome, then by reaching the target, then by PSNR.
+    # Grade each library. Rank the libraries by outcome, then by reaching the target, then by PSNR.
     for library, output in outputs.items():
         simplified = output.meshes["mesh"]
         reached = 0 < len(simplified.faces) <= SLACK * target
@@ -97,9 +100,9 @@ def _judge(mesh: TrialMesh, outputs: Outputs, renderings: Renderings, *, percent
 
 
 def _grade(entry: Numbers, target: int) -> tuple[Outcome, str | None]:
-    """Return the outcome of a library, and the reason why it is not better."""
+    """Return the outcome of a library, and the reason for a limitation or failure."""
     if not entry["reached"]:
-        return "fails", f"it stops at {entry['faces']:,} of {target:,} requested faces"
+        return "fails", f"the library stops at {entry['faces']:,} of {target:,} requested faces"
     likeness = entry["psnr"]
     if likeness is None or likeness >= ALIKE:
         return "works", None
@@ -114,7 +117,7 @@ def _make_key(library: str) -> str:
 
 
 def _summarize(numbers: Numbers) -> str:
-    """Return the results of the libraries, the best one first."""
+    """Return the results of the libraries, best first."""
     libraries = [library for library, _, _ in _LIBRARIES if _make_key(library) in numbers]
     libraries.sort(key=lambda library: library != numbers["best"])
     parts = []

@@ -1,4 +1,4 @@
-"""Count self-intersections (`msb.topology.crossings`) and slivers. A structural audit ignores both."""
+"""Count self-intersections (`msb.topology.crossings`) and slivers, which a structural audit ignores."""
 
 from typing import Any
 
@@ -12,20 +12,20 @@ from msb.trial.mesh import TrialMesh
 from msb.trial.renderings import Renderings
 from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, format_count, grade
 
-# Largest fraction of crossing faces for "works with limitations": 1 % can be repaired by hand.
+# Largest fraction of crossing faces for "works with limitations". A fraction of 1 % can be repaired by hand.
 FEW = 0.01
-# Largest fraction of slivers for "works". More slivers are a limitation: they shade badly, but the mesh is
-# sound, so that the audit calls it OK.
+# Largest fraction of slivers for "works". With more slivers than this, the task works with limitations.
+# Slivers shade badly, but the audit still calls the mesh OK.
 FEW_SLIVERS = 0.01
-# Colours of faces in the image: red, yellow and grey.
+# Colours of crossing faces, slivers and other faces in the image: red, yellow and grey.
 _CROSSING, _SLIVER, _PLAIN = (0.85, 0.1, 0.1), (0.9, 0.7, 0.1), (0.75, 0.75, 0.75)
-# A face is a sliver if its height is below this fraction of its longest side. The smallest angle of such a
-# face is below 1.2 degrees.
+# A face is a sliver if its height is below this fraction of its longest side. The smallest angle of a sliver
+# is below 1.2 degrees.
 SLIVER = 0.01
 
 
 def _work(mesh: TrialMesh, _: Arrays) -> Output:
-    """Count crossing faces and slivers, and mark them in the arrays (F,)."""
+    """Count crossing faces and slivers, and mark both in arrays (F,)."""
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     pairs = find_crossing_pairs(corners)
     thin = find_slivers(corners)
@@ -69,7 +69,8 @@ def _draw_picture(mesh: TrialMesh, outputs: Outputs, renderings: Renderings) -> 
 
 def find_slivers(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return a mask (F,) of slivers among the faces with corners (F, 3, 3), including faces without area."""
-    # The height is twice the area divided by the longest side. Compare it with the longest side.
+    # The height of a face is twice the area divided by the longest side. Compare the height of a face with
+    # its longest side.
     sides = np.roll(corners, -1, axis=1) - corners
     longest = np.sqrt((sides**2).sum(axis=2).max(axis=1))
     twice = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)

@@ -1,6 +1,6 @@
-"""Check with manifold3d and trimesh for a solid with a volume.
+"""Check with manifold3d and trimesh whether a mesh is a solid with a volume.
 
-Slicers and physics engines need such a solid.
+Slicers and physics engines need a solid with a volume.
 """
 
 from typing import Any
@@ -14,16 +14,16 @@ from msb.trial.mesh import TrialMesh
 from msb.trial.renderings import Renderings
 from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task
 
-# Width and height of the image, in pixels.
+# Width and height of the saved image in pixels.
 _PIXELS = 360
-INWARDS = "the winding is inside out: the volume is negative"
+INWARDS = "the faces are wound inwards, so the volume is negative"
 
 
 def build_solid(mesh: TrialMesh) -> tuple[Any, Numbers]:
-    """Return manifold3d's solid of the mesh, and its status as numbers. Call this in a child process only.
+    """Return manifold3d's solid of the mesh, and its status as numbers.
 
-    The solid is None if manifold3d rejects the mesh even after merging vertices. The library crashes on some
-    meshes with unpaired half-edges.
+    Call this function only in a child process. The solid is None if manifold3d rejects the mesh even after
+    merging vertices. On some meshes with unpaired half-edges, manifold3d crashes.
     """
     import manifold3d
 
@@ -93,7 +93,7 @@ def _summarize(numbers: Numbers) -> str:
 
 
 def _draw_picture(mesh: TrialMesh, _: Outputs, __: Renderings) -> NDArray[Any] | None:
-    """Draw a cross-section through the middle, perpendicular to the longest side, like a slicer."""
+    """Draw a cross-section through the middle, perpendicular to the longest side, as a slicer does."""
     from PIL import Image, ImageDraw
 
     lines = cut_section(mesh)
@@ -118,12 +118,14 @@ def cut_section(mesh: TrialMesh) -> NDArray[np.float64]:
         return np.zeros((0, 2, 2))
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     axis = int(np.argmax(high - low))
-    # Signed distance (F, 3) of the corners from the plane. A face is cut if it has corners on both sides.
+    # Signed distance (F, 3) of the corners from the plane. A face is cut if its corners lie on both sides of
+    # the plane.
     heights = corners[:, :, axis] - (low + high)[axis] / 2
     above = heights > 0
     cut = above.any(axis=1) & ~above.all(axis=1)
     corners, heights, above = corners[cut], heights[cut], above[cut]
-    # odd (n,): the corner that is alone on its side of the plane. Both edges at this corner are cut.
+    # `odd` (n,) is the number of the single corner on one side of the plane. The plane cuts both edges at
+    # this corner.
     odd = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)
     rows = np.arange(len(odd))
     ends = []

@@ -1,8 +1,9 @@
-"""Loop subdivision by libigl. Check whether it is defined on the mesh, and measure the cracks that open.
+"""Loop subdivision by libigl: check whether Loop's rule is defined, and measure opening cracks.
 
-Loop's rule is defined for edges of one and of two faces. Modelling programs turn faces to a consistent
-winding, cut the mesh at all other edges, and subdivide the result. This module does the same. The copies of a
-cut edge are smoothed independently, and the area between them is a crack.
+Loop's rule is defined for edges with one face and with two faces. Modelling programs make the winding
+consistent, cut all edges with more faces, and subdivide the result. The subdivision in this module follows
+the steps of modelling programs. The copies of a cut edge are smoothed independently, which opens a crack
+between them.
 """
 
 from typing import Any
@@ -22,29 +23,30 @@ from msb.trial.renderings import Renderings
 from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, grade
 from msb.trial.tasks.decimate import draw_side_by_side
 
-# Largest fractions of faces without a neighbour for "works" and for "works with limitations". Subdivision
-# only shrinks such faces.
+# Largest fractions of faces without a neighbour, for "works" and for "works with limitations". Subdivision
+# only shrinks faces without a neighbour.
 FEW_LONE, MANY_LONE = 0.01, 0.1
-# Largest area of cracks for "works with limitations", as a fraction of the surface. Such cracks are mostly
-# invisible in images.
+# Largest area of cracks for "works with limitations", as a fraction of the surface area. Cracks below this
+# area are mostly invisible in images.
 SMALL_GAPS = 0.001
 
 
 def _work(mesh: TrialMesh, _: Arrays) -> Output:
-    """Subdivide the mesh once, and measure cracks and faces without a neighbour."""
+    """Subdivide the mesh once, and measure the cracks and the faces without a neighbour."""
     import igl
 
     proper = mesh.faces[~names_vertex_twice(mesh.faces)]
     if not len(proper):
         raise ValueError("the mesh has no valid face")
-    # Remove unused vertices, and count the edges for which the rule is not defined.
+    # Remove unused vertices, and count the edges at which Loop's rule is not defined.
     used, stored = np.unique(proper, return_inverse=True)
     stored = stored.reshape(-1, 3)
     vertices = mesh.vertices[used].astype(np.float64)
     given = build_half_edges(stored, len(used))
     crowded = int(np.count_nonzero(given.multiplicity > 2))
     clashes = len(given.two_face_halfedges[0]) - len(find_agreeing_halfedges(given)[0])
-    # Turn faces, cut the mesh, and subdivide it. origin (W,) is the old vertex of each new vertex.
+    # Make the winding consistent, cut the mesh, and subdivide it. The array `origin` (W,) has the old vertex
+    # of each new vertex.
     turned = turn_faces(stored, len(used)).faces
     cut, origin = cut_apart(turned, len(used))
     matrix, faces = igl.loop_matrix(cut, len(origin))
@@ -67,7 +69,9 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
 
 
 def find_agreeing_halfedges(mesh: HalfEdgeMesh) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the two half-edges (n,), (n,) of each edge of two faces with consistent winding."""
+    """Return the first half-edge (n,) and the second half-edge (n,) of each consistently wound edge of two
+    faces.
+    """
     first, second = mesh.two_face_halfedges
     agree = mesh.origin[first] != mesh.origin[second]
     return first[agree], second[agree]
@@ -81,11 +85,10 @@ def _measure_lone_share(mesh: HalfEdgeMesh) -> float:
 
 
 def cut_apart(faces: NDArray[Any], vertex_count: int) -> tuple[NDArray[np.int64], NDArray[Any]]:
-    """Cut the faces (F, 3) at all edges, except at edges of two faces with consistent winding, and return
-    them.
+    """Return the faces (F, 3) after cuts at all edges except consistently wound edges of two faces.
 
-    Every vertex of the result has a single fan of faces. The second array (W,) has the old vertex of each new
-    vertex.
+    Every vertex of the result is the centre of a single fan of faces. The second returned array (W,) has the
+    old vertex of each new vertex.
     """
     mesh = build_half_edges(faces, vertex_count)
     change = split_vertices(mesh, *find_agreeing_halfedges(mesh))
@@ -98,30 +101,33 @@ def measure_gap_area(
     points: NDArray[np.float64],
     fine: NDArray[np.int64],
 ) -> float:
-    """Return the area of the cracks that a subdivision opens between edges that coincided before.
+    """Return the area of the cracks that subdivision opens between coinciding edges.
 
-    Edges coincide if their ends have equal coordinates, whether they share vertices or not. If several edges
-    coincide, each is compared with the first one. The crack between two edges consists of four triangles
-    between the halves of the edges.
+    Two edges coincide if their ends have equal coordinates, even if they share no vertices. If more than two
+    edges coincide, the first edge is compared with all others. The crack between two edges consists of four
+    triangles between the halves of the edges.
 
-    `vertices` (V, 3) and `cut` (F, 3) are the cut mesh before the subdivision. `points` (W, 3) and `fine`
-    (4F, 3) are the mesh after the subdivision. `points` begin with the same vertices.
+    The arguments `vertices` (V, 3) and `cut` (F, 3) are the vertices and faces of the cut mesh before the
+    subdivision. The arguments `points` (W, 3) and `fine` (4F, 3) are the vertices and faces of the subdivided
+    mesh. The argument `points` starts with the vertices of the cut mesh, in their smoothed places.
     """
     _, place = merge_coincident(vertices, "exact")
-    # The edges (E,) of the cut mesh. `place` (V,) numbers the locations; edges start at the lower number.
+    # The edges (E,) of the cut mesh. `place` (V,) numbers the distinct locations. Edges start at the lower
+    # number.
     start, stop = build_half_edges(cut, len(vertices)).edge_vertices.astype(np.int64).T
     turned = place[start] > place[stop]
     start, stop = np.where(turned, stop, start), np.where(turned, start, stop)
     here, there = place[start], place[stop]
     middle = _find_middles(start, stop, fine)
-    # Group coincident edges. lead (E,) is the first edge in the group of each edge.
+    # Group coinciding edges. `lead` (E,) is the first edge in the group of each edge.
     _, group, count = np.unique(
         np.stack([here, there], axis=1), axis=0, return_inverse=True, return_counts=True
     )
     order = np.argsort(group.reshape(-1), kind="stable")
     lead = order[np.concatenate([[0], np.cumsum(count)[:-1]])][group.reshape(-1)]
     other = np.flatnonzero(lead != np.arange(len(start)))
-    # Each edge has become a curve of three points (n, 3, 3). Add up the triangles between two such curves.
+    # After the subdivision, each edge is a curve of three points (n, 3, 3). Add up the triangles between two
+    # coinciding curves.
     curves = points[np.stack([start, middle, stop], axis=1)]
     first, second = curves[lead[other]], curves[other]
     total = 0.0
@@ -137,22 +143,24 @@ def measure_gap_area(
 def _find_middles(
     start: NDArray[np.int64], stop: NDArray[np.int64], fine: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Return the new vertex (E,) in the middle of each edge from `start` (E,) to `stop` (E,).
+    """Return the new vertex (E,) at the middle of each edge from `start` (E,) to `stop` (E,).
 
-    A face abc becomes four faces. Three of them have one old corner and the middles of its two edges.
+    A subdivided face abc becomes four faces. Each of three new faces consists of an old corner and two
+    middles of edges.
     """
     old = int(max(start.max(), stop.max())) + 1
-    # corner (n,): the old corner of each such face, with its position in the face.
+    # `corner` (n,) is the old corner of each face that has an old corner.
     corners = fine[(fine < old).sum(axis=1) == 1]
     turn = np.argmax(corners < old, axis=1)
     rows = np.arange(len(corners))
     corner = corners[rows, turn]
     pairs = [(corner, corners[rows, (turn + k) % 3]) for k in (1, 2)]
     vertex, middle = (np.concatenate(column) for column in zip(*pairs, strict=True))
-    # Every middle is paired with both ends of its edge. A pair occurs once for each face at the edge.
+    # The middle of an edge is paired with both ends of the edge. A pair is repeated for each face at the
+    # edge.
     ends = np.unique(np.stack([middle, vertex], axis=1), axis=0)
     low, high = ends[0::2, 1], ends[1::2, 1]
-    # Find the edges by a key of their ends.
+    # Find the edges by a key made of their two ends.
     key = low * np.int64(old) + high
     order = np.argsort(key)
     wanted = np.minimum(start, stop) * np.int64(old) + np.maximum(start, stop)
@@ -166,7 +174,7 @@ def _judge(_: TrialMesh, outputs: Outputs, renderings: Renderings) -> Judgement:
     lone = grade(numbers["lone_share"], FEW_LONE, MANY_LONE)
     if cracks == lone == "works" and not numbers["defined"]:
         change = "cut" if numbers["vertices_cut"] else "turned to a consistent winding"
-        return Judgement("care", f"the mesh must be {change} first, but no cracks open", numbers)
+        return Judgement("care", f"the mesh must be {change} before subdivision, but no cracks open", numbers)
     return combine(
         numbers,
         (cracks, f"cracks cover {100 * (numbers['gap_share'] or 0):.2g} % of the surface"),

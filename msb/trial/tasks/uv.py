@@ -1,4 +1,4 @@
-"""UV unwrapping by xatlas: count the charts, and measure packing and stretch."""
+"""UV unwrapping by xatlas: count the charts, and measure the packing and the stretch."""
 
 from typing import Any
 
@@ -11,9 +11,9 @@ from msb.trial.mesh import TrialMesh
 from msb.trial.renderings import Renderings, make_facing_camera, random_colors
 from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, format_count, grade
 
-# Largest numbers of charts per 1,000 faces for "works" and for "works with limitations". Charts of ten faces
-# can be painted and filtered. With fewer than 2.5 faces per chart, nearly every edge is a seam, and padding
-# fills the texture.
+# Largest numbers of charts per 1,000 faces for "works" and for "works with limitations". Charts of at least
+# ten faces can be painted and filtered. With fewer than 2.5 faces per chart, nearly every edge is a seam, and
+# padding fills the texture.
 FEW_CHARTS, MANY_CHARTS = 100.0, 400.0
 # Largest L2 stretch for "works" and for "works with limitations". The stretch is the average size of texels
 # on the surface, relative to a map without distortion.
@@ -24,7 +24,7 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
     """Unwrap the mesh. The array "chart" (V,) has the chart of each vertex."""
     import xatlas
 
-    # xatlas crashes on large meshes, so they are unwrapped in parts, as in a bake.
+    # xatlas crashes on large meshes, so large meshes are unwrapped in parts, as in a bake.
     atlas = xatlas.Atlas()
     blocks = split_into_blocks(mesh.vertices[mesh.faces].mean(axis=1), UNWRAP_FACES)
     used_by = []
@@ -50,7 +50,8 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
         atlases.append(placed >= 0 if placed.dtype.kind == "i" else placed != _NONE)
     original, uv, chart = (np.concatenate(parts) for parts in (rows, uvs, charts))
     left_out = ~np.concatenate(atlases)[faces].all(axis=1)
-    # xatlas divides UVs by the width and height of the atlas. Undo this to measure the stretch.
+    # xatlas divides UVs by the width and height of the atlas. Multiply the UVs by the size of the atlas to
+    # measure the stretch.
     points = mesh.vertices[original]
     numbers = {
         "charts": int(atlas.chart_count),
@@ -63,19 +64,20 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
     return Output(numbers, {"uv": unwrapped}, {"chart": chart})
 
 
-# The atlas number of vertices that were not placed.
+# The atlas number of vertices that xatlas could not place.
 _NONE = np.uint32(0xFFFFFFFF)
 
 
 def measure_stretch(vertices: NDArray[Any], faces: NDArray[np.int64], uv: NDArray[Any]) -> float | None:
-    """Return the L2 stretch of the UV map `uv` (V, 2), or None if it has no area. Without distortion it is 1.
+    """Return the L2 stretch of the UV map `uv` (V, 2).
 
-    Sander et al., "Texture Mapping Progressive Meshes", 2001, section 3, define the L2 stretch. It is the
-    root mean square of the singular values of the map from the texture to the surface, averaged over the
-    surface. The map is first scaled to the area of the surface. Faces without area on the surface or in the
-    texture are ignored.
+    A map without distortion has the stretch 1. Return None for a mesh without area. Sander et al., "Texture
+    Mapping Progressive Meshes", 2001, section 3, define the L2 stretch. The stretch is the root mean square
+    of the singular values of the map from the texture to the surface. The mean is weighted by surface area.
+    Before the measurement, the map is scaled to the area of the surface. Faces without area on the surface or
+    in the texture are ignored.
     """
-    # Two edges (F, 3) of each face on the surface, and the same edges (F, 2) in the texture.
+    # Compute two edges (F, 3) of each face on the surface, and the same edges (F, 2) in the texture.
     corners, mapped = (values[faces].astype(np.float64) for values in (vertices, uv))
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     a, b = mapped[:, 1] - mapped[:, 0], mapped[:, 2] - mapped[:, 0]
@@ -85,8 +87,8 @@ def measure_stretch(vertices: NDArray[Any], faces: NDArray[np.int64], uv: NDArra
     if not kept.any():
         return None
     first, second, a, b, signed, surface = (values[kept] for values in (first, second, a, b, signed, surface))
-    # Partial derivatives (n, 3) of the surface point by s and t. Their squared lengths add up to the squared
-    # singular values.
+    # Partial derivatives (n, 3) of the surface point with respect to s and t. The squared lengths of the two
+    # partial derivatives add up to the squared singular values.
     along_s = (first * b[:, 1:] - second * a[:, 1:]) / signed[:, None]
     along_t = (second * a[:, :1] - first * b[:, :1]) / signed[:, None]
     squares = ((along_s**2).sum(axis=1) + (along_t**2).sum(axis=1)) / 2
@@ -104,7 +106,7 @@ def _judge(mesh: TrialMesh, outputs: Outputs, _: Renderings) -> Judgement:
         (pieces, "every chart is a single face" if charts > 999 else few),
         (
             grade(left_out / max(1, len(mesh.faces)), 0.0, 0.01),
-            f"{format_count(left_out, 'face is', 'faces are')} missing in the map",
+            f"{format_count(left_out, 'face is', 'faces are')} missing in the UV map",
         ),
         (
             grade(stretch, LITTLE_STRETCH, MUCH_STRETCH),
@@ -120,7 +122,7 @@ def _summarize(numbers: Numbers) -> str:
 
 
 def _draw_picture(_: TrialMesh, outputs: Outputs, renderings: Renderings) -> NDArray[Any] | None:
-    """Draw the charts in texture space, each in its own colour."""
+    """Draw the charts in texture space, each chart in a different colour."""
     unwrapped, chart = outputs["xatlas"].meshes["uv"], outputs["xatlas"].arrays["chart"]
     assert unwrapped.uv is not None
     flat = np.concatenate([unwrapped.uv, np.zeros((len(unwrapped.uv), 1), np.float32)], axis=1)

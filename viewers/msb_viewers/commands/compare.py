@@ -1,4 +1,4 @@
-"""`msb compare`: compare the tiers of a model with its photographs, on a page or in an image."""
+"""`msb compare`: compare the renderer tiers of a model with its photographs, on a page or in an image."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from msb_viewers.commands.window import Window
 
 @dataclass(frozen=True)
 class CompareOptions:
-    """The tiers and photographs to compare, and the first layout."""
+    """The renderer tiers and photographs to compare, and the first layout."""
 
     scene: Annotated[
         Path | None,
         Option(
-            "Show the test views of a dataset's scene, with size, photographs and background as in msb run. "
-            "--camera train or all selects other views.",
+            "Show the test views of a dataset's scene. Image size, photographs and background are as in "
+            "msb run. --camera train or all selects other views.",
             metavar="DIR",
         ),
     ] = None
@@ -39,7 +39,7 @@ class CompareOptions:
         Path | None,
         Option(
             "Folder of the photographs: its name in the scene, e.g. images_2, or any path. Default: the "
-            "folder of the dataset, or else the folder with the largest images.",
+            "folder of the dataset, otherwise the folder with the largest images.",
             ("--image-folder", "--images"),
             metavar="NAME|FOLDER",
         ),
@@ -60,7 +60,7 @@ class CompareOptions:
         ),
     ] = ()
     baked: Annotated[
-        Path | None, Option("Also show this mesh, which msb bake made from the model.", metavar="FILE")
+        Path | None, Option("Also show this mesh, made by msb bake from the model.", metavar="FILE")
     ] = None
     pair: Annotated[
         str | None, Option("The two tiers to compare in the layouts wipe and difference.", metavar="A,B")
@@ -90,12 +90,12 @@ def compare(
     output: PlainOutput,
     typed: Typed,
 ) -> None:
-    """Compare the tiers of a model with each other and with the photographs of the dataset.
+    """Compare the renderer tiers of a model with each other and with the photographs of the dataset.
 
     Images are shown side by side, with a wipe, or as a map of their difference with the PSNR. --html writes a
     page of all views, which can switch between these layouts. --screenshot writes an image of the first view.
-    Without --cameras and --scene the command uses the cameras of the training if it finds them next to the
-    model, and otherwise a turntable.
+    If neither --cameras nor --scene is given, the command uses the training cameras next to the model. A
+    model without training cameras is shown from a turntable.
     """
     if options.scene is not None:
         typed.reject(["cameras"], "cannot be combined with --scene, which has its own cameras")

@@ -1,4 +1,4 @@
-"""`msb view`: show the defects of a mesh, in a window or in a file."""
+"""`msb view`: show the defects of a mesh in a window or in a file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,9 @@ def view(
     *,
     repaired: Annotated[
         Path | None,
-        Option("Show deleted and added faces and cut edges of OUT, a repaired ASSET.", metavar="OUT"),
+        Option(
+            "Show deleted and added faces and cut edges of OUT, a repaired version of ASSET.", metavar="OUT"
+        ),
     ] = None,
     window: Window,
     options: ViewOptions,
@@ -39,12 +41,12 @@ def view(
 ) -> None:
     """Show the defects of a mesh: edges, vertices, faces and components that the audit reports.
 
-    The command opens a window. With --screenshot, --figure or --html it writes files instead, and needs no
-    display. Layers: boundary_edges, nonmanifold_edges, multifan_vertices, nonmanifold_edge_endpoints,
-    degenerate_faces, duplicate_faces, inconsistent_winding_edges, unreferenced_vertices; with --repaired
-    deleted_faces (red), added_faces (green), cut_edges.
+    The command opens a window. With --screenshot, --figure or --html the command writes files instead, and
+    needs no display. Layers: boundary_edges, nonmanifold_edges, multifan_vertices,
+    nonmanifold_edge_endpoints, degenerate_faces, duplicate_faces, inconsistent_winding_edges,
+    unreferenced_vertices; with --repaired deleted_faces (red), added_faces (green), cut_edges.
 
-    Use msb compare to compare the tiers of a model, and msb web to show the mesh as engines draw it.
+    Use msb compare to compare renderer tiers, and msb web to show the mesh as engines draw it.
     """
     both = repaired is not None and window.figure is not None
     require(not both, "--figure cannot be combined with --repaired; use --screenshot")
@@ -115,7 +117,7 @@ def _read_mesh(path: Path, output: Output) -> ViewedMesh:
     inputs = expand(path)
     if len(inputs) > 1:
         names = ", ".join(place.name for place in inputs[:4])
-        raise UsageError("USAGE", f"it holds {len(inputs)} meshes ({names}); pass one of them", file=path)
+        raise UsageError("USAGE", f"it contains {len(inputs)} meshes ({names}); pass one of them", file=path)
     with output.progress(f"reading {inputs[0].name}"):
         return read_viewed_mesh(inputs[0])
 

@@ -1,4 +1,4 @@
-"""Options that `msb view` and `msb compare` share: output files, and size and up axis of the image."""
+"""Options that `msb view` and `msb compare` share: output files, image size and up axis."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ from msb_viewers.gl import GlProbe
 
 @dataclass(frozen=True)
 class Window:
-    """Output files, and size and up axis of the image. Without an output file `msb view` opens a window."""
+    """Output files, image size and up axis. Without an output file `msb view` opens a window."""
 
     screenshot: Annotated[
         Path | None,
@@ -27,11 +27,11 @@ class Window:
         Path | None,
         file_option("Write a web page that works offline in any browser.", endings=(".html", ".htm")),
     ] = None
-    up: Annotated[Up | None, Option("Axis that points up. Default: the axis of the asset.")] = None
+    up: Annotated[Up | None, Option("Axis that points up. Default: the up axis of the asset.")] = None
     size: Annotated[str, Option("Width and height of the image in pixels.", metavar="WxH")] = "1280x800"
 
     def __post_init__(self) -> None:
-        self.pixels  # noqa: B018 - rejects an invalid size before anything is read
+        self.pixels  # noqa: B018 - rejects an invalid size before reading files
 
     @property
     def written(self) -> list[Path]:
@@ -51,7 +51,7 @@ class Window:
 
 
 def open_probe(window: Window) -> GlProbe | None:
-    """Start the test of OpenGL if the outputs need OpenGL, and check that there is a display for a window."""
+    """Start the test of OpenGL if the outputs need OpenGL, and check that a window has a display."""
     from msb_viewers.gl import GlProbe, check_display
 
     if window.written == [window.html]:

@@ -1,6 +1,6 @@
-"""The comparison of a model's tiers with its photographs, as an image and as a page for a browser.
+"""The comparison of renderer tiers with photographs, as an image and as a page for a browser.
 
-`views` has the compared cameras, `shots` the images, and `state` the layout. `difference` computes maps of
-differences. `arrange`, `canvas` and `compose` create an image, and `page` a web page. None of them needs VTK
-or a display.
+The module `views` contains the compared cameras, `shots` the images, and `state` the layout. The module
+`difference` computes maps of differences. The modules `arrange`, `canvas` and `compose` create an image. The
+module `page` creates a web page. No module of this package needs VTK or a display.
 """

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from msb_viewers.deployment.state import Layout
 
-# Heights of gaps, title, captions and the colour scale of differences, in pixels at scale 1.
+# Heights in pixels at scale 1: a gap, the title, a caption, and the colour scale of differences.
 _GAP, _HEAD, _CAPTION, _BAR = 10, 72, 64, 48
 # Minimum width and height of a panel in pixels.
 _LEAST = 16
@@ -21,7 +21,7 @@ _THUMBNAIL = 0.3
 class Box:
     """A rectangle of pixels, counted from the top left corner.
 
-    `right` is the first column to the right of the rectangle, and `bottom` the first row below it.
+    `right` and `bottom` are the first column and the first row outside of the rectangle.
     """
 
     left: int
@@ -62,9 +62,9 @@ def arrange(
     *,
     aspect: float,
 ) -> list[Cell]:
-    """Return the cells of an image of `size` pixels.
+    """Return the panel boxes of an image of `size` pixels.
 
-    `tiers` are the tiers of the layout "side". `aspect` is width over height of the images.
+    `tiers` are the tiers of the layout "side". `aspect` is the width of the images divided by their height.
     """
     gap, caption, top = round(_GAP * scale), round(_CAPTION * scale), round(_HEAD * scale)
     area = Box(gap, top, size[0] - 2 * gap, size[1] - top - gap)
@@ -85,7 +85,7 @@ def arrange(
 
 
 def _grid(tiers: Sequence[str], area: Box, gap: int, caption: int, aspect: float) -> list[Cell]:
-    """Return the cells of a grid. The number of columns makes the images as large as possible."""
+    """Return the panel boxes of a grid. The number of columns makes the images as large as possible."""
     best: tuple[float, list[Cell]] = (-1.0, [])
     for columns in range(1, len(tiers) + 1):
         rows = -(-len(tiers) // columns)
@@ -112,7 +112,7 @@ def _grid(tiers: Sequence[str], area: Box, gap: int, caption: int, aspect: float
 
 
 def _cell(kind: str, box: Box, caption: int) -> Cell:
-    """Return a cell whose caption takes the lower `caption` pixels of `box`."""
+    """Return a panel whose caption takes the lower `caption` pixels of `box`."""
     high = max(box.height - caption, _LEAST)
     return Cell(
         kind,

@@ -43,7 +43,8 @@ class Canvas:
         anchor: str = "la",
         room: float | None = None,
     ) -> float:
-        """Write a line, shortened in the middle if it is wider than `room`; return its width."""
+        """Write a line of text and return its width. A line that is wider than `room` is shortened in the
+        middle."""
         face = self.font(size, bold=bold)
         line = text if room is None else shorten_text(text, face, max(room, 1))
         self.draw.text((x, y), line, color, face, anchor=anchor)
@@ -69,7 +70,8 @@ class Canvas:
             self.write(x, y + high * (index + 0.5), line, 13, anchor="mm")
 
     def badge(self, letter: str, x: float, y: float) -> float:
-        """Draw a letter on a dark square whose left side is at `x`; return its width with the margin."""
+        """Draw a letter on a dark square with its left side at `x`. Return the width of the square with its
+        margin."""
         half = self.px(9)
         self.draw.rounded_rectangle((x, y - half, x + 2 * half, y + half), self.px(3), _BADGE)
         self.write(x + half, y, letter, 13, WHITE, bold=True, anchor="mm")

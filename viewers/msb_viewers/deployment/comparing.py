@@ -1,4 +1,5 @@
-"""Compare the tiers of a model: the function `msb.compare`. `msb compare` calls the same code."""
+"""Compare the renderer tiers of a model: the function `msb.compare`. The command `msb compare` calls the
+same code."""
 
 from __future__ import annotations
 
@@ -29,12 +30,13 @@ from msb_viewers.deployment.state import LAYOUTS, CompareState, Layout
 from msb_viewers.deployment.views import View, scene_views, views_at
 from msb_viewers.sheet import write_png
 
-# Turntable for models without cameras: the number of views, and their width and height in pixels. Views of
-# training cameras are scaled down to the same longest side.
+# Turntable for models without cameras: the number of views, and their width and height in pixels. Large
+# images of training cameras are scaled down to a longest side of 640 pixels.
 TURNTABLE = (8, 640, 480)
 
 Note = Callable[[str], None]
-# A context that counts the rendered views: (what, total) -> function to call after each view.
+# A context manager that counts the rendered views. The arguments of the context manager are a title and a
+# total. The context manager yields a function to call after each view.
 Counted = Callable[[str, int], AbstractContextManager[Callable[[], None]]]
 
 
@@ -45,12 +47,12 @@ class Compared:
     Attributes
     ----------
     tiers : tuple of str
-        The tiers that were compared, "truth" for photographs and "baked" for a baked mesh included.
+        The compared tiers, including "truth" for photographs and "baked" for a baked mesh.
     missing : mapping of str to str
-        Tier -> the reason why the method has no image on it.
+        For each missing tier, the reason why the method has no image.
     psnr : mapping of str to mapping
-        Name of a view -> pair of tiers, in alphabetical order -> PSNR in dB of their images; infinity if they
-        are equal. Pairs without two images of the same size are left out.
+        For each view name and each pair of tiers in alphabetical order, the PSNR of the two images in dB;
+        infinity for equal images. Pairs without two images of equal size are left out.
     written : tuple of Path
         The written files.
     notes : tuple of str
@@ -85,40 +87,41 @@ def compare(
     up: Up | None = None,
     size: tuple[int, int] = (1280, 800),
 ) -> Compared:
-    """Compare the tiers of a model with each other and with photographs, as `msb compare` does.
+    """Compare the renderer tiers of a model with each other and with photographs, like `msb compare`.
 
     Parameters
     ----------
     asset : Asset or path-like
         The asset, or a path that `msb.open` accepts.
     scene : path-like, optional
-        The views and their photographs: the folder of a dataset's scene, of which the test views are compared
-        as `msb compare --scene` does, or a file of cameras (`msb.read_cameras`). Default: the cameras of the
-        training if they are found next to the model, else a turntable.
+        The views and their photographs. A folder is a scene of a dataset, and its test views are compared.
+        A file contains cameras (`msb.read_cameras`). By default, the training cameras next to the model are
+        used. A model without training cameras is shown from a turntable.
     html, screenshot : path-like, optional
-        Write a page of all views, and an image (.png) of the first view. Without `html`, a `screenshot`
-        renders the first view only.
+        Write a page of all views, and an image (.png) of the first view. If only `screenshot` is given,
+        only the first view is rendered.
     overwrite : bool
         Replace existing files.
     views : sequence of str
-        Names or numbers of the cameras of `scene`, or "train" or "all" for those of a folder. Default: the
-        test views of a folder, all cameras of a file.
+        Names or numbers of the cameras of `scene`; for a folder also "train" or "all". By default, the test
+        views of a folder, or all cameras of a file.
     tiers : sequence of str
-        Some of "reference", "dedicated", "standard", "baked" and "truth" (photographs). Default: all.
+        One or more of "reference", "dedicated", "standard", "baked" and "truth" (photographs). Default: all
+        tiers.
     baked : Asset or path-like, optional
-        Also compare this mesh, which `msb.bake` made from the model.
+        Also compare this mesh, made by `msb.bake` from the model.
     image_folder : path-like, optional
-        The folder of the photographs: its name in the scene. For a file of cameras, any path.
+        The folder of the photographs: its name in the scene. For a file of cameras, any path is accepted.
     scale : float, optional
         Size of the images, as `msb compare --scale`.
     layout : {"side", "wipe", "difference"}
-        Layout of the screenshot, and the first one of the page.
+        Layout of the screenshot, and the first layout of the page.
     pair : (str, str), optional
         The two tiers that wipe and difference compare.
     background, settings, supersample, device
         As in `msb.render`.
     up : {"+x", "-x", "+y", "-y", "+z", "-z"}, optional
-        The axis of a turntable. Default: the axis of the asset.
+        The axis of a turntable. Default: the up axis of the asset.
     size : (int, int)
         Width and height of the screenshot in pixels.
 
@@ -131,7 +134,7 @@ def compare(
     UsageError
         An option is invalid, or a file exists and `overwrite` is false.
     InputError, SceneError and the errors of `msb.open` and `msb.Renderer`
-        Something cannot be read or rendered.
+        An input cannot be read or rendered.
 
     Examples
     --------
@@ -147,13 +150,13 @@ def compare(
         raise UsageError("USAGE", f"layout is {layout!r}; use one of {', '.join(LAYOUTS)}")
     if scale is not None:
         check_factor(scale)
-    # Check the outputs before anything is read.
+    # Check the outputs before reading files.
     page_path, image_path = (None if path is None else given_path(path) for path in (html, screenshot))
     for path, endings in ((page_path, (".html", ".htm")), (image_path, (".png",))):
         if path is None:
             continue
         if path.suffix.lower() not in endings:
-            raise UsageError("USAGE", f"it must end in {' or '.join(endings)}", file=path)
+            raise UsageError("USAGE", f"the path must end in {' or '.join(endings)}", file=path)
         check_place(path)
         if not overwrite:
             check_new(path)
@@ -187,16 +190,15 @@ def compare(
 
 @dataclass(frozen=True)
 class Request:
-    """The views, tiers and options of a comparison.
+    """The views, renderer tiers and options of a comparison.
 
-    `cameras` selects the views, either from a file of cameras or from a dataset's scene in the folder
-    `scene`.
+    `cameras` selects the views. The views come from a file of cameras, or from the dataset folder `scene`.
     """
 
     cameras: ViewOptions
     scene: Path | None = None
     reading: SceneOptions = field(default_factory=SceneOptions)
-    background: Color | None = None  # default: the background of the scene, else of the asset
+    background: Color | None = None  # default: the background of the scene, otherwise of the asset
     image_folder: Path | None = None
     scale: float | None = None
     layout: Layout = "side"
@@ -209,7 +211,7 @@ class Request:
     up: Up | None = None
 
     def read(self, asset: Asset, place: Path | None, note: Note) -> CompareState:
-        """Read cameras and photographs. `place` is the path of the model, for titles and notes."""
+        """Read cameras and photographs. `place` is the path of the model for titles and notes."""
         source = ""
         color = self.background or default_background(asset.manifest)
         if self.scene is not None:
@@ -240,7 +242,8 @@ class Request:
         tiers, missing = choose_tiers(asset, views, self.tiers or None, baked=self.baked)
         if not self.tiers and "reference" not in tiers:
             text = (
-                f"{asset.manifest.face_count:,} faces take minutes per view; list it in --tiers to include it"
+                f"{asset.manifest.face_count:,} faces take minutes per view; to include this tier, "
+                "name it in --tiers"
             )
             note(f"{name}: the reference tier is omitted: {text}")
         effective_settings(asset.manifest, self.settings)  # rejects invalid settings
@@ -260,14 +263,15 @@ class Request:
         return Comparison(*content, self.device, self.baked)
 
     def _choose(self, asset: Asset) -> tuple[list[View], str]:
-        """Return the views without a scene, and their description; `up` sets the axis of a turntable."""
+        """Return views for a model without a scene, and a description of the views. A turntable rotates about
+        the axis `up`."""
         chosen = choose_views(asset, device=self.device, kind=self.cameras.kind)
         if chosen.origin == "turntable":
             cameras = make_turntable(asset, *TURNTABLE, up=self.up)
             views = [View(f"view {index}", camera, why="") for index, camera in enumerate(cameras, 1)]
             return views, chosen.description
         views = views_at(chosen.cameras, chosen.place or Path(), None, None)
-        # Scale down large views of the training.
+        # Scale down large training views.
         sizes = [min(1.0, max(TURNTABLE[1:]) / max(view.camera.width, view.camera.height)) for view in views]
         return [
             replace(view, camera=view.camera.scaled(size)) for view, size in zip(views, sizes, strict=True)
@@ -286,13 +290,14 @@ def write(
     size: tuple[int, int],
     counted: Counted = _uncounted,
 ) -> Compared:
-    """Render the views, and write the page and the image of the first view, if they have a path."""
+    """Render the views. Write the page and the image of the first view, if the paths of these files are
+    set."""
     scene = state.comparison
     only_first = html is None and screenshot is not None
     views = scene.views[:1] if only_first else scene.views
     with TierRenderers(scene) as renderers:
-        # The page needs all views on all tiers. An image needs only the first view, on the tiers that it
-        # shows.
+        # The page shows all views on all tiers. An image needs only the first view, on the tiers that the
+        # layout shows.
         rows: list[dict[str, Any]] = []
         first: dict[str, Shot] = {}
         with counted("drawing", len(views)) as step:
@@ -315,7 +320,7 @@ def write(
 
 
 def _read_decibels(values: Mapping[str, float | str]) -> dict[tuple[str, str], float]:
-    """Return the PSNR in dB of each pair of tiers. In the page each pair is one text."""
+    """Return the PSNR in dB of each pair of tiers. The page joins the two names of a pair in one text."""
     pairs = {}
     for names, value in values.items():
         a, b = names.split()

@@ -24,7 +24,7 @@ from msb_viewers.palette import INK
 from msb_viewers.sheet import FAINT, text_scale
 
 _LAYOUTS = {"side": "side by side", "wipe": "wipe", "difference": "difference"}
-# Captions of narrow images are at least this wide, in pixels at scale 1, if the cell is wide enough.
+# Minimum width of a caption in pixels at scale 1. The caption of a narrow image may be wider than the image.
 _LEAST_CAPTION = 300
 # Distance between lines of a caption, in pixels at scale 1.
 _LINE = 18
@@ -32,19 +32,19 @@ _LINE = 18
 
 @dataclass(frozen=True, eq=False)
 class Composition:
-    """The image (H, W, 3), and the boxes in it: of each tier, of "wipe" or of "difference"."""
+    """The composed image (H, W, 3), and the box of each panel in this image."""
 
     image: NDArray[np.uint8]
     pictures: dict[str, Box]
 
 
 def compose(state: CompareState, shots: Mapping[str, Shot], size: tuple[int, int]) -> Composition:
-    """Return an image of `size` pixels with the shots of one view."""
+    """Return an image of `size` pixels with the shots (images of tiers) of one view."""
     return _Composer(state, shots, Canvas(size, text_scale(size))).draw()
 
 
 def decibels(a: Shot | None, b: Shot | None) -> float | None:
-    """Return the PSNR of two shots in dB; None if one has no image, or their sizes differ."""
+    """Return the PSNR of two shots in dB, or None if an image is missing or the sizes differ."""
     if a is None or b is None or a is b or a.image is None or b.image is None:
         return None
     return psnr(a.image, b.image) if a.image.shape == b.image.shape else None
@@ -59,14 +59,14 @@ class _Composer:
     canvas: Canvas
 
     def draw(self) -> Composition:
-        """Draw all cells and the title."""
+        """Draw all panels and the title."""
         size = next((shot.image.shape for shot in self.shots.values() if shot.image is not None), None)
         pictures = {cell.kind: self.draw_cell(cell) for cell in self.state.cells(self.canvas.size)}
         self.draw_title(size)
         return Composition(np.array(self.canvas.picture), pictures)
 
     def draw_cell(self, cell: Cell) -> Box:
-        """Draw a cell, with its caption directly below the image."""
+        """Draw a panel with its caption directly below the image."""
         if cell.kind == "wipe":
             box, write = self.draw_wipe(cell.box), self.draw_pair_captions
         elif cell.kind == "difference":
@@ -152,7 +152,7 @@ class _Composer:
                 11,
                 anchor=("l" if index == 0 else "r" if index == 4 else "m") + "m",
             )
-        words = "difference per pixel: root mean square of red, green and blue; black and white differ by 1"
+        words = "difference of a pixel: root mean square of red, green and blue, from 0 to 1"
         canvas.write(box.left, bar.bottom + px(29), words, 11, FAINT, anchor="lm", room=box.width)
 
     def draw_caption(self, tier: str, box: Box) -> None:
@@ -209,7 +209,7 @@ def camera_text(state: CompareState, size: tuple[int, ...] | None) -> str:
 
 
 def caption_lines(shot: Shot | None) -> list[str]:
-    """Return the lines below an image: time, device memory and size, then the device."""
+    """Return the lines of text below an image: time, device memory, image size and device."""
     if shot is None or shot.image is None:
         return []
     parts = []

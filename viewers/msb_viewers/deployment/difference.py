@@ -7,24 +7,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Colours from no difference to the largest one, evenly spaced, with linear interpolation. They follow
-# matplotlib's magma scale (S. van der Walt and N. Smith, 2015) within 3 / 255. The scale is perceptually
-# uniform and ordered by lightness, so that it also works with colour blindness.
+# A colour scale from no difference to the largest difference. The entries are evenly spaced and interpolated
+# linearly. The colours agree with the scale magma of matplotlib (van der Walt and Smith, 2015) to 3 / 255.
+# The colour scale is perceptually uniform and ordered by lightness, so that it also works with colour
+# blindness.
 ERROR_SCALE = (
     (0, 0, 4), (10, 8, 34), (29, 17, 70), (54, 16, 106), (80, 18, 124), (105, 28, 129), (130, 38, 129),
     (156, 46, 127), (182, 55, 121), (207, 65, 112), (230, 81, 99), (245, 105, 92), (251, 135, 97),
     (254, 165, 113), (254, 195, 135), (253, 224, 162), (252, 253, 191),
 )  # fmt: skip
-# Choices for the top of the colour scale: the smallest difference, in [0, 1], with the brightest colour.
+# The values that users can choose for the smallest difference with the brightest colour, in [0, 1].
 TOPS = (1.0, 0.5, 0.25, 0.1, 0.05, 0.02)
-# The choice that a page shows first. An image always uses this choice.
+# The page starts with this limit for the brightest colour. A composed image always has this limit.
 TOP = 0.25
 
 
 def squared_error(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Return the squared difference of each pixel (H, W), averaged over channels, in [0, 1].
 
-    The average over all pixels is the mean squared error from which the PSNR follows.
+    The average of the squared differences over all pixels is the mean squared error of the PSNR.
     """
     away = a.astype(np.float32) - b.astype(np.float32)
     return np.asarray(np.einsum("hwc,hwc->hw", away, away) / np.float32(3 * 255**2))
@@ -41,7 +42,7 @@ def colorize(squared: NDArray[np.float32], top: float) -> NDArray[np.uint8]:
 
 @cache
 def scale_colors() -> NDArray[np.uint8]:
-    """Return the scale as 256 colours (256, 3)."""
+    """Return the colour scale as 256 colours (256, 3)."""
     at = np.linspace(0, 255, len(ERROR_SCALE))
     channels = [np.interp(np.arange(256), at, channel) for channel in zip(*ERROR_SCALE, strict=True)]
     return np.round(np.stack(channels, axis=1)).astype(np.uint8)
@@ -57,12 +58,12 @@ def decibel_text(value: float) -> str:
 
 
 def resize(image: NDArray[Any], width: int, height: int) -> NDArray[Any]:
-    """Return an image, or squared differences, at another size."""
+    """Resize an image or an array of squared differences."""
     from PIL import Image
 
     if image.shape[:2] == (height, width):
         return image
-    # Average pixels if the image becomes smaller, and repeat them if it becomes larger.
+    # Average pixels if the image becomes smaller, and repeat pixels if it becomes larger.
     smaller = width < image.shape[1] or height < image.shape[0]
     filtering = Image.Resampling.BOX if smaller else Image.Resampling.NEAREST
     return np.asarray(Image.fromarray(image).resize((width, height), filtering))

@@ -51,7 +51,7 @@ function drawWipe() {
   const box = byId("wipe"), missing = absent();
   if (missing) { box.replaceChildren(picture(missing), caption(missing)); return; }
   const [a, b] = state.pair, view = meta.views[state.at], frame = make("div", undefined, "wipe");
-  // As large as possible, but not higher than the window.
+  // Images are as large as possible, but not higher than the window.
   frame.style.maxWidth = `min(100%, ${(76 * view.width / view.height).toFixed(1)}vh)`;
   const [left, right] = [picture(a, true), picture(b, true)], line = make("div", undefined, "line"), across = make("input");
   Object.assign(across, { type: "range", min: 0, max: 1000, id: "across" });
@@ -151,7 +151,7 @@ function scores() {
   header(foot, `average of ${meta.views.length}`);
   for (const tier of others) {
     const values = meta.views.map((_, at) => decibels(state.pair[0], tier, at));
-    // Identical images count with the maximum PSNR of msb.metrics.
+    // The average counts identical images with the maximum PSNR of msb.metrics.
     const known = values.filter((v) => v !== undefined).map((v) => (v === "identical" ? meta.cap : v));
     foot.insertCell().textContent = known.length === values.length ? (known.reduce((x, y) => x + y, 0) / known.length).toFixed(2) : "N/A";
   }
@@ -204,7 +204,7 @@ function draw() {
   if (state.layout === "wipe") drawWipe();
   if (state.layout === "difference") drawMap();
   scores();
-  // The controls were replaced: restore the keyboard focus.
+  // The page controls were replaced, so restore the keyboard focus.
   [...byId("controls").querySelectorAll("button, select")].find((node) => had && node.textContent === had)?.focus();
 }
 const setLayout = (layout) => { if (layout === "side" || drawable.length > 1) { state.layout = layout; draw(); } };

@@ -66,7 +66,7 @@ def page_view(view: View, shots: Mapping[str, Shot]) -> dict[str, Any]:
 
 
 def _data(image: NDArray[np.uint8]) -> str:
-    """Return an image as a data URL of a PNG. A PNG is lossless, so that the page can compute differences."""
+    """Return an image as a data URL of a PNG. A PNG is lossless, so the page can compute differences."""
     from PIL import Image
 
     buffer = io.BytesIO()

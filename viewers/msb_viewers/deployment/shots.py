@@ -1,4 +1,5 @@
-"""The compared tiers, and their images: the rendering of each tier, or the reason why it is missing."""
+"""The compared renderer tiers and their images: the rendering of each tier, or the reason why it is
+missing."""
 
 from __future__ import annotations
 
@@ -20,8 +21,8 @@ if TYPE_CHECKING:
 TRUTH: Final = "truth"
 REFERENCE: Final = "reference"
 BAKED: Final = "baked"
-# Tier -> title, in the order of the comparison. Photographs ("truth") and a baked mesh are treated like
-# tiers.
+# The title of each tier, in the order of the comparison. Photographs ("truth") and a baked mesh are treated
+# like tiers.
 LABELS = {
     TRUTH: "Ground truth",
     REFERENCE: "Reference",
@@ -29,16 +30,18 @@ LABELS = {
     "standard": "Standard",
     BAKED: "Baked",
 }
-# Number of faces above which the reference tier must be requested, because NumPy takes minutes per view.
+# Above this number of faces, the reference tier is drawn only on request, because NumPy takes minutes per
+# view.
 MOST_REFERENCE_FACES = 200_000
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """The result of a tier for a camera: the image (H, W, 3), or the reason `why` it is missing.
+    """The image (H, W, 3) of a tier for a camera. If the image is missing, `why` is the reason.
 
-    The image is the same as that of `msb render`. `milliseconds` is the time on the device without reading
-    back, or the time of NumPy. `nbytes` is the device memory of the tier, and `where` is the device.
+    The image has the same pixels as the output of `msb render`. `milliseconds` is the time on the device
+    without reading back, or the run time of NumPy. `nbytes` is the device memory of the tier. `where` is the
+    name of the device.
     """
 
     tier: str
@@ -51,10 +54,10 @@ class Shot:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """The compared tiers and views, and the options of rendering.
+    """The compared renderer tiers and views, and the options of rendering.
 
     `missing` maps tiers to the reason why the method does not support them. `settings` override the settings
-    of the asset. `supersample` applies to the standard tier, which also draws the mesh `baked`.
+    of the asset. The standard tier uses `supersample`, and also draws the mesh `baked`.
     """
 
     name: str
@@ -70,7 +73,7 @@ class Comparison:
 
     @property
     def drawable(self) -> tuple[str, ...]:
-        """The tiers that have an image."""
+        """The renderer tiers that have an image."""
         return tuple(tier for tier in self.tiers if tier not in self.missing)
 
     def settings_text(self) -> str:
@@ -96,10 +99,10 @@ def choose_tiers(
     *,
     baked: Asset | None = None,
 ) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the tiers of a comparison, and for tiers without an image the reason.
+    """Return the tiers of a comparison, and the reason for each tier without an image.
 
-    By default these are all tiers, photographs if there are any, and `baked` if it is given. A reference tier
-    that would take minutes is only included on request (`wanted`).
+    By default, all tiers are compared. Photographs and the mesh `baked` are included if they exist. A
+    reference tier that would take minutes is included only on request (`wanted`).
     """
     from msb.render.backend import check_supported
 
@@ -117,12 +120,13 @@ def choose_tiers(
                 text = f'the tier "{shorten(name, 40)}" is unknown; use some of {", ".join(LABELS)}'
                 raise UsageError("NAME_UNKNOWN", text)
         if TRUTH in names and not photographs:
-            text = "ground truth needs photographs, but no camera has one; pass --cameras and --image-folder"
+            text = "the tier truth needs photographs; pass --cameras and --image-folder"
             raise UsageError("NAME_UNKNOWN", text)
         if BAKED in names and baked is None:
             raise UsageError("NAME_UNKNOWN", "the tier baked needs a baked mesh; pass --baked FILE")
         chosen = tuple(tier for tier in LABELS if tier in names)
-    # Tiers that the method does not support are missing. If all tiers are missing, raise the first reason.
+    # A tier is missing if the method does not support the tier. If all tiers are missing, raise the first
+    # reason as an error.
     missing: dict[str, str] = {}
     first: Unsupported | None = None
     for tier in chosen:

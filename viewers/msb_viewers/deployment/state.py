@@ -1,4 +1,4 @@
-"""The state of a comparison: its layout, and the two tiers of wipe and difference."""
+"""The state of a comparison: its layout, and the two tiers of the layouts wipe and difference."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 class CompareState:
     """The layout of a comparison.
 
-    `pair` has the tiers A and B that wipe and difference compare. PSNRs compare each tier with A. If only one
-    tier has an image, A and B are the same.
+    `pair` has the tiers A and B that wipe and difference compare. PSNRs compare each tier with the tier A.
+    If only one tier has an image, this tier is both A and B.
     """
 
     comparison: Comparison
@@ -43,7 +43,7 @@ class CompareState:
 
     @property
     def aspect(self) -> float:
-        """Width over height of the images of the first view."""
+        """Width divided by height of the images of the first view."""
         camera = self.comparison.views[0].camera
         return camera.width / camera.height
 
@@ -53,7 +53,7 @@ class CompareState:
         return arrange(self.layout, tiers, self.pair, size, text_scale(size), aspect=self.aspect)
 
     def wanted_tiers(self) -> tuple[str, ...]:
-        """Return the tiers that the layout shows."""
+        """Return the renderer tiers that the layout shows."""
         if self.layout == "side":
             return self.comparison.tiers
         return tuple(tier for tier in self.comparison.tiers if tier in self.pair)

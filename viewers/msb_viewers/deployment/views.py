@@ -21,9 +21,10 @@ _DISTORTED = "the photograph has lens distortion; pass --scene, which removes it
 
 @dataclass(frozen=True)
 class View:
-    """A camera with the size of the compared images, and its photograph or the reason `why` it is missing.
+    """A camera with the size of the compared images, and its photograph. If the photograph is missing, `why`
+    is the reason.
 
-    A camera of a dataset's `scene` has its photograph masked and resized by the rules of that scene.
+    If `scene` is set, the photograph is masked and resized by the rules of the dataset.
     """
 
     name: str
@@ -40,11 +41,12 @@ def dataset_views(
     *,
     beside: Path | None = None,
 ) -> list[View]:
-    """Return a view for each camera, with its photograph if there is one.
+    """Return a view for each camera, with its photograph if a photograph exists.
 
-    Photographs in the folder `images` have the names of the cameras, with any suffix. By default the dataset
-    gives the paths of photographs, or the photographs are in the folder `beside`. A view has the size of its
-    photograph. With `scale` a view has the size of its camera times `scale`, as in `msb render`.
+    Photographs in the folder `images` have the names of the cameras, with any file suffix. Without `images`,
+    the dataset gives the paths of the photographs, or the photographs are in the folder `beside`. A view has
+    the size of its photograph. With `scale`, a view has the size of its camera times `scale`, as in `msb
+    render`.
     """
     if images is not None and not images.is_dir():
         raise UsageError("USAGE", "--image-folder: the folder does not exist", file=images)
@@ -53,7 +55,7 @@ def dataset_views(
     files = None if folder is None else SpelledFiles(folder)
     for index, camera in enumerate(cameras):
         photograph = _find_photograph(camera, files, by_name=images is not None)
-        why = _NO_PHOTOGRAPH if images is None else f"{images.name} holds no image with its name"
+        why = _NO_PHOTOGRAPH if images is None else f"{images.name} contains no image of this camera"
         if photograph is not None and camera.distortion is not None:
             photograph, why = None, _DISTORTED
         if scale is not None:
@@ -65,7 +67,7 @@ def dataset_views(
         views.append(View(camera.name or f"camera {index}", camera, photograph, why))
     if images is not None and not any(view.photograph or view.why == _DISTORTED for view in views):
         names = ", ".join(view.name for view in views[:3])
-        text = f"--image-folder: it holds no image with the name of a camera ({names}, ...)"
+        text = f"--image-folder: the folder contains no image with the name of a camera ({names}, ...)"
         raise UsageError("USAGE", text, file=images)
     return views
 
@@ -84,7 +86,7 @@ def scene_views(scene: Scene, cameras: Sequence[Camera], scale: float | None = N
 
 
 def _find_photograph(camera: Camera, files: SpelledFiles | None, *, by_name: bool) -> Path | None:
-    """Return the path of a camera's photograph: the path in the dataset, or with `by_name` one of `files`."""
+    """Return the path of a camera's photograph. With `by_name`, search `files` for the camera's name."""
     from msb.metrics import IMAGE_SUFFIXES
 
     if not by_name and camera.image_path is not None:
@@ -116,7 +118,8 @@ def read_photograph(view: View, background: tuple[float, float, float]) -> NDArr
 
 
 def views_at(cameras: list[Camera], place: Path, images: Path | None, scale: float | None) -> list[View]:
-    """Return views of the cameras that were read from `place`. Photographs are in `place` or in `images`."""
+    """Return views of the cameras that were read from `place`. Photographs are in the folder `place` or in
+    `images`."""
     from msb.scenes.datasets import find_photographs
 
     beside = place if place.is_dir() else place.parent

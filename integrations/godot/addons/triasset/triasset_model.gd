@@ -1,11 +1,11 @@
 @tool
 class_name TriassetModel
 extends MultiMeshInstance3D
-## Draws a Triangle-Splatting model from a packed .triasset as its official renderer does.
+## Draws a Triangle-Splatting model from a packed .triasset, like the official renderer.
 ##
 ## The buffers of the file become textures unchanged. The shader projects every triangle and draws a quad over the
-## samples that it covers; this script only sorts the triangles when the camera has moved. The shader needs Godot's
-## renderer Compatibility, which blends display colours. Other methods and the standard tier come as GLB.
+## covered samples. This script sorts the triangles when the camera has moved. The shader needs Godot's
+## renderer Compatibility, which blends display colours. Use a GLB for other methods and for the standard tier.
 
 const SHADER := preload("triangle_splatting.gdshader")
 const COLUMNS := 4096  # texels in a row of each texture
@@ -16,12 +16,12 @@ const CHANNELS := {"positions": 3, "f_dc": 3, "f_rest": 3, "opacity": 1, "sigma"
 
 var manifest := {}
 var _centers := PackedVector3Array()
-var _numbers := PackedInt32Array()  # the numbers of the faces as float32, as their bits
+var _numbers := PackedInt32Array()  # face numbers: the bits of float32 values
 var _order: ImageTexture
 var _sorted_for := Plane()
 
 
-## Reads the file; returns whether it can be drawn.
+## Reads the file. Returns true if the model can be drawn.
 func open(value: String) -> bool:
 	path = value
 	multimesh = null
@@ -39,7 +39,7 @@ func open(value: String) -> bool:
 	material.set_shader_parameter("degree", int(manifest.settings.sh_degree.value) if "f_rest" in buffers else 0)
 	material.set_shader_parameter("stored", (int(manifest.sh_degree) + 1) ** 2 - 1)
 	material.set_shader_parameter("broadcast_z", manifest.settings.view_dir.value == "broadcast_z")
-	# Centroids and numbers of the faces, which are sorted below.
+	# Compute the centroids and numbers of the faces for sorting.
 	var corners := (buffers.positions as PackedByteArray).to_float32_array()
 	_centers.resize(faces)
 	var numbers := PackedFloat32Array()
@@ -54,7 +54,7 @@ func open(value: String) -> bool:
 	_numbers = numbers.to_byte_array().to_int32_array()
 	_order = null
 	_sorted_for = Plane()
-	# One quad for each face.
+	# Make one quad for each face.
 	var quad := QuadMesh.new()
 	quad.size = Vector2(2, 2)
 	quad.material = material
@@ -68,7 +68,7 @@ func open(value: String) -> bool:
 	return true
 
 
-## Returns the bytes of the drawn buffers by name, and sets `manifest`; empty if the file cannot be read.
+## Returns the bytes of the drawn buffers by name, and sets `manifest`. The result of an unreadable file is empty.
 func read(value: String) -> Dictionary:
 	var file := ZIPReader.new()
 	var buffers := {}
@@ -101,7 +101,7 @@ func _process(_delta: float) -> void:
 func sort_for(camera: Camera3D) -> void:
 	var material: ShaderMaterial = multimesh.mesh.surface_get_material(0)
 	material.set_shader_parameter("model_to_world", global_transform)
-	# Depth as a plane of the model's space: normal . center - d.
+	# Compute depth as the distance from a plane in model space: normal . center - d.
 	var forward := -camera.global_transform.basis.z.normalized()
 	var normal := global_transform.basis.transposed() * forward
 	var plane := Plane(normal, forward.dot(camera.global_position - global_position))
@@ -113,8 +113,8 @@ func sort_for(camera: Camera3D) -> void:
 	depths.resize(faces)
 	for face in faces:
 		depths[face] = normal.dot(_centers[face]) - plane.d
-	# The bits of positive floats sort as integers. A key is the depth above the number, so equal depths keep the order of
-	# the file; the whole order is then reversed.
+	# The bits of positive floats sort like integers. A key has the depth in its high bits and the face number in its low
+	# bits, so faces of equal depth keep the order of the file. The whole order is then reversed.
 	var bits := depths.to_byte_array().to_int32_array()
 	var keys := PackedInt64Array()
 	keys.resize(faces)
