@@ -38,11 +38,11 @@ from msb.errors import AssetError
 from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
 
-# Default face budget of an object. More faces raise the PSNR and follow the dents of the depth maps: from
-# 8,000 to 12,000 faces a demo surface gained 0.3 dB, and its normals became 1 degree worse.
+# Default face budget of an object. More faces raise the PSNR, but they follow the dents of the depth maps.
+# With 12,000 instead of 8,000 faces, a demo surface gained 0.3 dB and its normals became 1 degree worse.
 OBJECT_FACES = 10_000
-# Smallest and largest default face budget of a scene. Within these limits, the budget is one face per 2
-# pixels of a view. More faces make each step slower.
+# Smallest and largest default face budget of a scene. Between these two limits, the face budget is one face
+# per 2 pixels of a view. A larger face budget makes each step slower.
 SCENE_FACES = 20_000, 50_000
 _PIXELS_PER_FACE = 2
 # Number of cells along the longest side of the first grid. Grids with half and twice as many cells are tried

@@ -32,10 +32,11 @@ _SHARES = 0.5, -0.53
 _FOLDED = -0.3
 # Smallest length of the sum of the surrounding normals, relative to the sum of their lengths.
 _AGREEMENT = 0.5
-# Number of faces of the surface per turn, up to all turns. In a coarse surface, faces are as large as the
-# shapes themselves: a level of detail of 1,000 faces gained 0.8 dB with 500 instead of 50.
+# The number of fairing turns is the number of faces divided by this value, up to `_TURNS`. In a coarse
+# surface, faces are as large as the shapes themselves. A level of detail with 1,000 faces gained 0.8 dB with
+# a value of 500 instead of 50.
 _FACES_PER_TURN = 500
-# Rounds of the filter, and rounds of moving the vertices, in a turn of `fair`.
+# Number of filter rounds, and number of rounds that move the vertices, in one turn of `fair`.
 _FILTER_ROUNDS, _MOVE_ROUNDS = 3, 3
 
 

@@ -332,8 +332,8 @@ class BakePipeline:
         source: Mesh | Asset = self._asset
         notes: list[str] = []
         if name == "fitted" or not self._is_splat:
-            # `--faces` limits the faces of the surface itself. It does not limit the soup that the surface is
-            # made from.
+            # `--faces` limits the surface itself. `--faces` does not limit the soup from which the surface is
+            # made.
             budget = options.faces if name == "fitted" else None
             if budget not in self._soups:
                 seconds = self._limit_seconds(_FITTED_SHARE if name == "fitted" else _SURFACE_SHARE)
