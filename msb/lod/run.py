@@ -252,7 +252,7 @@ class _Run:
         writer = Rewriter(scene, plain=self.options.target in PLAIN)
         if faces is not None or writer.plain or scene.document.packed:
             writer.set_faces(faces or [part.faces for part in scene.parts])
-        writer.shrink_images(choose_factor(share))
+        writer.shrink_images(1.0 if self.options.one_file else choose_factor(share))
         set_names(writer.root, self.name, ending)
         writer.place_scene(self.name + ending, placing)
         return writer.finish(), writer.texture
@@ -271,24 +271,28 @@ class _Run:
             writer.set_faces([part.faces for part in scene.parts])
         writer.shrink_images(1.0)
         set_names(writer.root, self.name)
+        shown = [node["name"] for node in writer.root["nodes"] if "mesh" in node]
         if self.options.one_file:
             added = [writer.add_level(faces, f"_LOD{number}") for number, faces in enumerate(levels, 1)]
             is_alternative = self.options.target in (None, "web")
             writer.group_levels(self.name, added, shares if is_alternative else None)
         writer.place_scene(self.name, placing)
         if shape is not None and self.options.target in INCLUDES_COLLISION:
-            writer.add_shapes(self._name_shapes(shape), writer.default_scene())
+            # Unreal matches a shape with the mesh whose name it contains.
+            is_single = self.options.target == "unreal" and len(shown) == 1
+            name = shown[0] if is_single else self.name
+            writer.add_shapes(self._name_shapes(shape, name), writer.default_scene())
         return writer.finish()
 
-    def _name_shapes(self, shape: Collision) -> list[tuple[str, np.ndarray, Ints]]:
-        names = name_parts(self.name, len(shape.parts), shape.report.kind, self.options.target)
-        return [(name, *part) for name, part in zip(names, shape.parts, strict=True)]
+    def _name_shapes(self, shape: Collision, name: str) -> list[tuple[str, np.ndarray, Ints]]:
+        names = name_parts(name, len(shape.parts), shape.report.kind, self.options.target)
+        return [(word, *part) for word, part in zip(names, shape.parts, strict=True)]
 
     def _write_collision(self, shape: Collision) -> bytes:
         """Return the GLB of a collision shape: a node for each part."""
         root = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"name": self.name}], "nodes": []}
         writer = Rewriter(Scene(Document(Source("empty", b""), root, {}), ()))
-        writer.add_shapes(self._name_shapes(shape), writer.default_scene())
+        writer.add_shapes(self._name_shapes(shape, self.name), writer.default_scene())
         return writer.finish()
 
 

@@ -191,6 +191,7 @@ def test_other_formats_come_and_go(tmp_path: Path, ball: Path) -> None:
     assert report.levels[0].bytes == sum(p.stat().st_size for p in tmp_path.glob("out_lod1*"))
 
 
+@pytest.mark.slow
 def test_a_compressed_file_comes_out_uncompressed(tmp_path: Path, ball: Path) -> None:
     pytest.importorskip("meshopt")
     web = tmp_path / "web.glb"
@@ -202,6 +203,7 @@ def test_a_compressed_file_comes_out_uncompressed(tmp_path: Path, ball: Path) ->
     assert made.report.levels[0].is_usable
 
 
+@pytest.mark.slow
 def test_no_warning_of_the_validator(ball: Path, validator: Validator | None) -> None:
     if validator is None:
         pytest.skip("glTF-Validator is not installed")

@@ -70,6 +70,7 @@ def test_collision_has_the_name_that_the_program_looks_for(ball: Path, target: A
     assert (made.collision is None) == bool(target)
 
 
+@pytest.mark.slow
 def test_hulls_are_nodes_of_their_own(ball: Path) -> None:
     made = msb.lod(ball, lods="none", collision="hulls:4")
     assert made.collision is not None
