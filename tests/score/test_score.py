@@ -176,7 +176,12 @@ def test_a_trial_is_in_the_document(here: Here, tmp_path: Path) -> None:
 
 
 def test_conditions() -> None:
-    document: dict[str, Any] = {"path": "a", "looks": {"psnr": 20.0, "lpips": None}, "flags": [{}], "pose": None}
+    document: dict[str, Any] = {
+        "path": "a",
+        "looks": {"psnr": 20.0, "lpips": None},
+        "flags": [{}],
+        "pose": None,
+    }
     assert parse_condition("psnr<24").check(document) is not None
     assert parse_condition("psnr < 19").check(document) is None
     assert parse_condition("lpips>1").check(document) is not None  # it is not measured
