@@ -150,6 +150,6 @@ def cameras_in_the_room(count: int) -> list[Camera]:
     cameras = []
     for angle in angles:
         eye = np.array([2.5 + 1.2 * np.cos(angle), 2 + 0.9 * np.sin(angle), 1.5])
-        aim = eye + (np.cos(angle + 0.3), np.sin(angle + 0.3), -0.1)
+        aim = eye + np.array([np.cos(angle + 0.3), np.sin(angle + 0.3), -0.1])
         cameras.append(Camera.look_at(eye, aim, up=(0, 0, 1), width=480, height=360, fov_y=1.0))
     return cameras
