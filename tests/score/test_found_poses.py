@@ -13,7 +13,8 @@ from msb.meshes import Mesh
 from msb.meshes.assets import asset_from_mesh, mesh_from_asset
 from msb.score import score as measure
 from msb.score.capture import Capture
-from msb.score.pose import PoseNotFoundError, find_pose
+from msb.score.features import detect_features
+from msb.score.pose import Photograph, PoseNotFoundError, find_pose
 from tests.conftest import ROOT
 from tests.score import tricks
 
@@ -80,6 +81,23 @@ def test_tricks_are_unverified_or_named(trick: str, tmp_path: Path) -> None:
         result = measure(path, capture, pose=pose)
         codes = {flag.code for flag in result.flags}
         assert result.status == "unverified" or codes & {"NO_PARALLAX", "SINGLE_VIEW_FACES"}, pose
+
+
+@pytest.mark.parametrize("number", [2, 3])
+def test_the_pose_of_a_room_is_found_from_inside(number: int) -> None:
+    """From outside, the walls show their backs, which are mirror images."""
+    mesh, cameras = tricks.room(), tricks.cameras_in_the_room(24)
+    with msb.Renderer(asset_from_mesh(mesh), tier="standard", supersample=3) as renderer:
+        images = [renderer.render(camera).image for camera in cameras]
+    photographs = [
+        Photograph(camera, detect_features(image, 2000))
+        for camera, image in zip(cameras, images, strict=True)
+    ]
+    disturbed, matrix = tricks.disturb(mesh, number)
+    pose = find_pose(disturbed, photographs)
+    assert pose.mirrored == (np.linalg.det(matrix) < 0)
+    assert pose.photographs == len(cameras)
+    assert np.abs(pose.matrix @ matrix - np.eye(4)).max() < 2e-3
 
 
 def test_a_given_pose_that_is_wrong_is_named(tmp_path: Path) -> None:

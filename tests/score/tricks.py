@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import zoom
 
 from msb.meshes import Mesh
 from msb.metrics.ground_truth import ground_truth
@@ -121,3 +122,34 @@ def noise() -> Mesh:
         faces,
         random.integers(0, 256, (len(directions), 3), np.uint8),
     )
+
+
+def room(seed: int = 5) -> Mesh:
+    """Return a box, seen from inside, and four boxes on its floor, each face with its own blurred noise."""
+    random = np.random.default_rng(seed)
+    unit = np.array([(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)], np.float64)
+    sides = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]])
+    boxes = [unit * (5, 4, 2.6)]
+    boxes += [unit * (0.6, 0.5, 0.7) + np.append(random.uniform(0.4, (4, 3)), 0) for _ in range(4)]
+    faces = []
+    for corners in (box[side] for box in boxes for side in sides):
+        image = sum(
+            zoom(random.normal(0.5 / 3, 0.12, (size, size, 3)), (256 / size, 256 / size, 1), order=1)
+            for size in (8, 32, 128)
+        )
+        picture = (np.clip(image, 0, 1) * 255).astype(np.uint8)
+        uvs = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float32)
+        corner_order = np.array([[0, 1, 2], [0, 2, 3]])
+        faces.append(Mesh(corners, corner_order, vertex_uvs=uvs, textures=(picture,)))
+    return join(faces)
+
+
+def cameras_in_the_room(count: int) -> list[Camera]:
+    """Return cameras on an ellipse in the room that look outwards."""
+    angles = np.arange(count) * 2 * np.pi / count
+    cameras = []
+    for angle in angles:
+        eye = np.array([2.5 + 1.2 * np.cos(angle), 2 + 0.9 * np.sin(angle), 1.5])
+        aim = eye + np.array([np.cos(angle + 0.3), np.sin(angle + 0.3), -0.1])
+        cameras.append(Camera.look_at(eye, aim, up=(0, 0, 1), width=480, height=360, fov_y=1.0))
+    return cameras
