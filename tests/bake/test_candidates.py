@@ -40,6 +40,7 @@ from tests.bake.soups import (
 from tests.conftest import TETRAHEDRON
 
 
+@pytest.mark.slow
 def test_copies_of_a_vertex_keep_one_colour_unless_they_are_a_seam() -> None:
     corners, colors = tiles()
     places, number = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
@@ -243,6 +244,7 @@ def test_only_connected_faces_need_charts(monkeypatch: pytest.MonkeyPatch, apart
 
 
 @pytest.mark.parametrize("cutoff", [0.5, None])
+@pytest.mark.slow
 def test_kept_triangles_with_an_alpha_cutoff_have_a_note(cutoff: float | None) -> None:
     card = Mesh(
         np.eye(3, dtype=np.float32),

@@ -122,6 +122,7 @@ def test_far_outliers_do_not_move_generated_views(solid: msb.Asset) -> None:
     assert poses(views.test) == poses(choose_bake_views(solid, up="+z").test)
 
 
+@pytest.mark.slow
 def test_nothing_is_judged_where_the_model_is_a_speck(solid: msb.Asset) -> None:
     assert choose_bake_views(solid, cameras=ring(4)).why_not_judged is None
     far = turntable((0.2, 0.2, 0.2), 60.0, up=(0, 0, 1), count=4, width=96, height=72, fov_y=0.6)

@@ -38,7 +38,8 @@ def test_uniform_renderings_have_no_numbers(here: Here, tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif("web" not in INSTALLED, reason="msb.engines is not installed")
-@pytest.mark.parametrize("tier", ["standard", pytest.param("dedicated", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("tier", ["standard", "dedicated"])
 def test_a_page_has_the_cameras_of_the_training(msb: Msb, tmp_path: Path, tier: str) -> None:
     page = tmp_path / "page.html"
     result = msb("web -o", page, "--tier", tier, *(["--no-verify"] if tier == "dedicated" else []), CAPTURE)

@@ -229,6 +229,7 @@ def test_image_bytes_of_the_whole_stay(ball: Path) -> None:
         assert bytes(read_image_bytes(made, number)) == bytes(read_image_bytes(before, number))
 
 
+@pytest.mark.slow
 def test_no_face_joins_two_parts_without_attributes() -> None:
     """Two bands of a sphere share a circle of vertices; they have positions only."""
     scene = read_parts(open_glb(make_glb(parts=2)))

@@ -62,6 +62,7 @@ def test_everything_has_a_name(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("target", "names"), [
     ("unreal", {"UCX_ball_00"}), ("godot", {"ball_collision-convcolonly"}), (None, {"ball_collision"}),
 ])  # fmt: skip
+@pytest.mark.slow
 def test_collision_has_the_name_that_the_program_looks_for(ball: Path, target: Any, names: set[str]) -> None:
     made = msb.lod(ball, lods="none", collision="box", target=target)
     root = root_of(made.glb if target else made.collision or b"")
@@ -90,6 +91,7 @@ def test_a_collision_mesh_is_near_the_surface(ball: Path) -> None:
     assert shape.report.mid_air_share == 0
 
 
+@pytest.mark.slow
 def test_one_file_has_all_levels(ball: Path, tmp_path: Path) -> None:
     made = msb.lod(ball, lods=[0.5, 0.25], one_file=True)
     root = root_of(made.glb)

@@ -181,6 +181,7 @@ def test_eight_threads_may_draw_with_one_renderer(asset: Asset, tier: Any) -> No
 
 
 @pytest.mark.parametrize("tier", TIERS)
+@pytest.mark.slow
 def test_memory_counts_only_the_renderer_itself(asset: Asset, tier: Any) -> None:
     """Memory of other renderers on the same device does not count."""
 
