@@ -25,7 +25,9 @@ def demo_data(
     output.check_folder(target)
     with output.progress(f"writing {target.name}"):
         size = write_demo(target, overwrite=output.force)
-    echo(f"{target}: 4 scenes, 10 models, a checkpoint, an asset, cameras, two protocols; {size / 1e6:.1f} MB")
+    echo(
+        f"{target}: 4 scenes, 10 models, a checkpoint, an asset, cameras, two protocols; {size / 1e6:.1f} MB"
+    )
     if not output.quiet:
         names = ("splat_like.triasset", PROTOCOL, RESULTS)
         asset, protocol, results = (shell_word(target / name) for name in names)
