@@ -42,6 +42,9 @@ MAX_TRAINING_VIEWS = 12
 MIN_SEEN_SHARE = 0.8
 # Number of outside views, and of inside views, that measure the visible area. The views are spread evenly.
 _MEASURED_VIEWS = 12
+# Number of training cameras that are checked. If less than half of these cameras see the asset, the cameras
+# belong to another model in the same folder.
+_CHECKED_CAMERAS = 8
 # Width and height in pixels of the depth maps that distinguish an interior from an object. Small depth maps
 # suffice, because only the shares of visible faces are compared.
 _DEPTH_SIZE = (320, 240)
@@ -221,7 +224,7 @@ def check_given_views(cameras: Iterable[Camera]) -> ChosenViews:
 def find_training_views(
     asset: Asset, device: str | None = None, *, most: int | None = None, longest: int | None = None
 ) -> ChosenViews | None:
-    """Return the training cameras stored beside an asset, or None if no training camera sees the asset.
+    """Return the training cameras stored beside an asset, or None if most of them do not see the asset.
 
     At most `most` cameras are returned. The chosen cameras are spread evenly over all cameras. The images are
     scaled down so that no side is longer than `longest` pixels.
@@ -235,7 +238,10 @@ def find_training_views(
         if longest is not None:
             few = [camera.scaled(min(1.0, longest / max(camera.width, camera.height))) for camera in few]
         share = f"{len(few)} of {len(cameras)}" if len(few) < len(cameras) else f"{len(few)}"
-        if _measure_coverage(asset, few, device, 1) != {}:
+        sample = spread_evenly(few, _CHECKED_CAMERAS)
+        half = (len(sample) + 1) // 2
+        covered = _measure_coverage(asset, sample, device, half)
+        if covered is None or len(covered) == half:
             return ChosenViews(few, "training", f"{share} training cameras ({place.name})", place)
     return None
 

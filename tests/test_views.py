@@ -180,6 +180,15 @@ def test_requested_views_replace_training_cameras(tmp_path: Path) -> None:
     assert [choose_views(asset, kind=kind).origin for kind in (None, "outside")] == ["training", "turntable"]
 
 
+@pytest.mark.parametrize(("strangers", "origin"), [(2, "training"), (3, "turntable")])
+def test_training_cameras_of_another_model_are_not_used(strangers: int, origin: str, tmp_path: Path) -> None:
+    """A folder can hold several models and the cameras of one model, which see another by chance."""
+    asset_of(ball()).save(tmp_path / "a.triasset")
+    cameras = [*make_turntable(asset_of(ball()), 2, 48, 36), *elsewhere(strangers)]
+    write_cameras([replace(c, name=f"{k}") for k, c in enumerate(cameras)], tmp_path / "cameras.json")
+    assert choose_views(msb.load(tmp_path / "a.triasset")).origin == origin
+
+
 @pytest.mark.slow
 def test_nothing_is_judged_where_the_mesh_is_a_speck() -> None:
     repairs = pytest.importorskip("msb.trial.repairs")
