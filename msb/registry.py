@@ -63,7 +63,7 @@ PASSES: dict[str, str] = {
 class Setting:
     """A parameter that the official code reads from a config file or a flag, not from the checkpoint.
 
-    Values are stored after activation: `sigma` is 1e-4, not its logarithm.
+    Values are stored after activation: `sigma` is 1e-4, not the logarithm of 1e-4.
     """
 
     default: SettingValue
@@ -301,7 +301,7 @@ def role(name: str, what: Role) -> Any:
     module = f"{package_of(name)}.{what}"
     if name in BUILT_IN:
         return import_module(module) if find_spec(module) else None
-    with _naming_package(name, f"its {what}: "):
+    with _naming_package(name, f"{what}: "):
         loaded = load(module) if _exists(module) else None
     return loaded and _PluginModule(loaded, name, what)
 
@@ -326,7 +326,7 @@ class _PluginModule:
 
         @wraps(member)
         def call(*args: Any, **options: Any) -> Any:
-            with _naming_package(self._method, f"its {self._what} fails: "), contain_errors():
+            with _naming_package(self._method, f"{self._what} fails: "), contain_errors():
                 return member(*args, **options)
 
         return call

@@ -142,7 +142,7 @@ def read_model(
     values = settings if isinstance(settings, Mapping) else parse_overrides(method, settings)
     config_file = None if config is None else given_path(config)
     if config_file is not None and not is_file(config_file):
-        raise InputError("FILE_NOT_FOUND", "it does not exist", file=config_file)
+        raise InputError("FILE_NOT_FOUND", "the file does not exist", file=config_file)
     is_strict = check_values and reject == "everything"
     model = _adapter(method).read(place, content, Options(values, config_file, is_strict))
     if config_file is not None and config_file not in model.files:  # the adapter has not read this config
@@ -205,14 +205,16 @@ def _detect(content: Content) -> str:
         return method
     value = content.value
     if isinstance(value, dict):
-        what = "its keys are " + (", ".join(shorten(str(key), 30) for key in list(value)[:8]) or "none")
+        what = "the keys of the file are " + (
+            ", ".join(shorten(str(key), 30) for key in list(value)[:8]) or "none"
+        )
     elif content.ply_names:
-        what = "it is a PLY without faces, with " + ", ".join(content.ply_names[:8])
+        what = "the file is a PLY without faces, with" + ", ".join(content.ply_names[:8])
     elif content.place.kind == "torch":
-        what = f"it holds a {type(value).__name__}"
+        what = f"the file holds a {type(value).__name__}"
     else:
-        what = "its content does not match its name"
-    text = f"{what}; it is not a model of {', '.join(known)}{_describe_nearest(value, known)}"
+        what = "the content of the file does not match the file name"
+    text = f"{what}; the file is not a model of {', '.join(known)}{_describe_nearest(value, known)}"
     raise CheckpointError("CHECKPOINT_UNKNOWN", text, file=content.place.file)
 
 
@@ -257,7 +259,7 @@ def _reject_other_method(content: Content, method: str) -> None:
     if other == "mesh" and METHODS[method].reads_meshes:
         return
     if other != method:
-        text = f"it holds a {other} model, but --method is {method}"
+        text = f"the file holds a {other} model, but --method is {method}"
         raise CheckpointError("CHECKPOINT_METHOD", text, file=content.place.file)
 
 

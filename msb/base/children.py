@@ -96,7 +96,7 @@ def run_in_children(
                     if child.poll() is not None:
                         replies[word] = _read_reply(place, child.returncode, limits)
                     elif time.monotonic() > deadline:
-                        why = f"it timed out after {limits.seconds:g} s"
+                        why = f"the process timed out after {limits.seconds:g} s"
                         replies[word] = Reply(why=why, ended_by="time", seconds=limits.seconds)
                     else:
                         continue
@@ -165,10 +165,12 @@ def _read_reply(folder: Path, status: int, limits: Limits) -> Reply:
         with contextlib.suppress(ValueError):
             how = signal.Signals(-status).name
         lines = [line.strip() for line in printed.splitlines() if line.strip()]
-        why = f"it crashed ({how})" + (f": {shorten(lines[-1], 200)}" if lines else "")
+        why = f"the process crashed ({how})" + (f": {shorten(lines[-1], 200)}" if lines else "")
     if limits.memory is not None and _OF_MEMORY.search(f"{why}\n{printed}"):
         return Reply(
-            why=f"it needs more memory than {limits.memory:g} GiB", ended_by="memory", seconds=seconds
+            why=f"the process needs more memory than {limits.memory:g} GiB",
+            ended_by="memory",
+            seconds=seconds,
         )
     return Reply(why=why, ended_by="crash" if seconds is None else None, seconds=seconds)
 

@@ -239,7 +239,7 @@ def _build_error(
 
 
 def _find_first_complaint(log: str) -> str:
-    """Return the first error in the log, otherwise the first line of the log."""
+    """Return the first error in the log, or the first line of a log without errors."""
     lines = [line.strip() for line in log.splitlines() if line.strip()]
     errors = (match["text"] for match in map(_COMPLAINT.match, lines) if match)
     others = (line for line in lines if not _WRAPPING.search(line))

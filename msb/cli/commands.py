@@ -37,7 +37,7 @@ BUILT_IN: dict[str, dict[str, Entry]] = {
         "export": Entry("msb.adapters.command", "Convert a trained checkpoint to an asset, without PyTorch."),
         "convert": Entry("msb.delivery.command", "Write an asset or mesh in another format."),
         "bake": Entry("msb.bake.command", "Make an ordinary mesh that looks like the model."),
-        "why": Entry("msb.why.command", "Explain why an export looks worse than the rendering, in dB."),
+        "why": Entry("msb.why.command", "Explain the quality loss of an export, cause by cause, in dB."),
         "methods": Entry(
             "msb.report.commands.methods", "List the methods, and their features on each renderer tier."
         ),

@@ -30,7 +30,7 @@ WALL_CLOCK = "draw (wall clock)"
 # Stage name of a frame whose time is measured by the device.
 DRAW = "draw"
 
-# The group in memory reports for each use of device memory.
+# Maps each use of device memory to its group in memory reports.
 _GROUPS = {
     **dict.fromkeys(("positions", "indices"), "geometry"),
     **dict.fromkeys(("vertex colors", "texture coordinates", "tints"), "appearance"),
@@ -90,7 +90,7 @@ class Engine(ABC):
         """Return the bytes of device memory for each use."""
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return the group in memory reports for each use."""
+        """Return the report group of each memory use."""
         return _GROUPS
 
     @abstractmethod

@@ -110,9 +110,8 @@ __kernel void visit_blocks(__global Record *records, __global const uint *block_
         visit.at[kind] = 0;
     scratch += item * scratch_words;
     // The scratch memory has up to three parts.
-    // The first part is the starts of vertices.
-    // Unless the block is large, the second part is a copy of the block in 16-byte words.
-    // The last part has 4 words per corner of the largest vertex.
+    // The first part holds the starts of the vertices. Unless the block is large, the second part is a copy
+    // of the block in 16-byte words. The last part has 4 words per corner of the largest vertex.
     uint size = 1u << shift;
     __global uint *starts = (__global uint *)scratch, *next = starts + size + 1;
     scratch += size + 1;

@@ -60,7 +60,7 @@ void count_sides(Sides *sums, int side, uint8 bit, uint8 neighbour, uint8 sharin
     sums->crowd |= crowd;
 }
 
-// Fill `sharing` and `same`, and compute these sums.
+// Compare all sides of a vertex: fill `sharing` and `same` of the star, and compute the sums over the sides.
 void compare_sides(Star *s, Sides *sums, uint v)
 {
     sums->counts = sums->rim[0] = sums->rim[1] = sums->paired[0] = sums->paired[1] = sums->crowd = sums->twins = 0;
@@ -102,7 +102,8 @@ void list_small(const Star *s, const Visit *visit, int kind, ulong number, uint 
         if (next == NOBODY)
             return;
         last = next;
-        // If both faces run along an edge in the same direction, the edge is on the same side of both faces.
+        // If both faces traverse an edge in the same direction, the edge is side y of both faces, or side z
+        // of both faces.
         int is_kind = kind == BOUNDARY_EDGES ? faces == 1 : kind == NONMANIFOLD_EDGES ? faces > 2
             : faces == 2 && same != 1;
         if (is_kind)
@@ -110,9 +111,9 @@ void list_small(const Star *s, const Visit *visit, int kind, ulong number, uint 
     }
 }
 
-// Face i has a boundary edge here; follow its fan of faces to the fan's other end.
-// Return the face at the other end if its side is also a boundary edge, otherwise NOBODY.
-// `rim_y` and `rim_z` mark the faces whose side y or z is a boundary edge.
+// Face i has a boundary edge at the vertex. Follow the fan of faces from face i to the other end of the fan.
+// Return the face at the other end if its side is also a boundary edge, otherwise NOBODY. `rim_y` and `rim_z`
+// mark the faces whose side y or z is a boundary edge.
 uint other_end(const Star *s, uint i, uint rim_y, uint rim_z)
 {
     uint through = s->sharing[rim_y & BIT(i) ? MOST + i : i];
@@ -160,9 +161,8 @@ uint most_sharing(const Star *s)
     return most;
 }
 
-// Pair the first face with each other face that shares a neighbour with it.
-// To avoid a branch, write the pair to the lists of both kinds.
-// Only the position in the correct list advances.
+// Pair the first face with every face that shares a neighbour vertex with the first face. To avoid a branch,
+// write the pair to the lists of both kinds. Only the position in the correct list advances.
 void pair_faces(const Star *s, Visit *visit, uint paired_y, uint paired_z)
 {
     __global uint2 *pairs = visit->pairs;

@@ -36,7 +36,7 @@ typedef uint4 Record;
 #define UNREFERENCED_VERTICES 3
 
 // An edge with its two vertices, and its rank in its block.
-// Ranks are in the order of the lower, then the higher vertex.
+// Ranks order the edges by the lower vertex, then by the higher vertex.
 typedef struct {
     ulong block, rank, low, high;
 } EdgeSample;
@@ -108,8 +108,7 @@ void count_valence(Visit *visit, uint valence)
         visit->valences[atomic_inc(visit->next_valence)] = valence;
 }
 
-// Count vertex v by kind.
-// The number `most` is the largest number of faces at an edge of v.
+// Add vertex v to the counts of its kinds. The number `most` is the largest number of faces at an edge of v.
 // `in_groups` tells whether the faces of v form several groups.
 void count_fans(Visit *visit, uint v, uint most, int in_groups)
 {

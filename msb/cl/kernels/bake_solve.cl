@@ -40,7 +40,7 @@ __kernel void spread(__global float8 *equations, uint start, uint next, int side
 
 // Store the inverse of the diagonal in w, and set the change to zero.
 // Turn right-hand sides into residuals.
-// Return partial sums of their squares weighted by the inverse diagonal.
+// Return partial sums of the squared residuals, weighted by the inverse diagonal.
 __kernel void begin(__global const float8 *equations, __global float4 *direction, __global float *change,
     __global float4 *partial, uint count)
 {
@@ -82,7 +82,7 @@ __kernel void halve(__global float4 *direction, uint before, uint start, int sid
 }
 
 // Compute the left-hand sides of a level with the contributions of smaller levels.
-// Return partial sums of their products with `direction`.
+// Return partial sums of the products of the left-hand sides with `direction`.
 __kernel void apply(__global const float8 *equations, __global const float4 *direction, uint start, uint next, int side,
     __global float *sums, __global float4 *partial, uint count)
 {

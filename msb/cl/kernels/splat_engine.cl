@@ -1,6 +1,6 @@
 // Sampling of triangles as in a game engine, by the rasterisation rules of graphics hardware.
 // msb/reference/engine.py defines this sampling, and explains why no polygon is clipped.
-// The order of operations is the same here.
+// Both files use the same order of operations.
 //
 // If ENGINE is 1, a method's kernel file includes this file after its struct Face, and calls project_engine.
 // The first member of Face is `float lines[LINES]`.
@@ -136,7 +136,7 @@ mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sa
 
 #if LANES == 8
 // Returns which row pairs y, y + 1 (one per lane) contain samples in the eight columns that begin at `left`.
-// The innermost corner of those samples is tested, allowing for rounding.
+// The test uses the innermost corner of these samples, and allows for rounding.
 mask reaches(FACE_POINTER f, float left, real y)
 {
     mask reached = (mask)-1;

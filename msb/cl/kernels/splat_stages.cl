@@ -28,8 +28,8 @@ typedef ushort4 Tiles;
 
 typedef char face_has_the_size_the_host_allocates[sizeof(Face) == 4 * FACE_WORDS ? 1 : -1];
 
-// This is a union, because a compiler may miss numbers that are read through pointers to words.
-// A GPU moves words as integers, because integers are exact even if the GPU flushes subnormal floats.
+// The union is needed because a compiler may miss numbers that are read through pointers to words. A GPU
+// moves words as integers, because integers are exact even if the GPU flushes subnormal floats.
 #if LANES == 8
 typedef real word;
 #else

@@ -14,7 +14,8 @@ typedef struct {
     __global int *slot;    // slot (number) of the nearest triangle
     __global float *far;   // the farthest depth in each block of pixels
     int occludes;          // whether any farthest depth is not 0
-    // approximate number of small triangles drawn since the last `measure`, and the limit for the next one
+    // approximate number of small triangles drawn since the last `measure`, and the number that triggers the
+    // next `measure`
     int work, limit;
     int stride;
     int x0, y0, x1, y1;    // range of pixels of the image, ends excluded
@@ -88,7 +89,7 @@ void settle(const Tile *t, int at, float depth, int slot)
 }
 
 // With an alpha cutoff, reject pixels with a texture alpha below the cutoff.
-// Pixels behind `old` need no test.
+// Pixels behind the depth `old` need no test.
 #if COLORS == TEXTURES && CUTOFF
 float8 cut(const Tile *t, int8 slot, int8 x, int8 y, float8 depth, float8 old, __constant float *view)
 {
@@ -104,7 +105,7 @@ float8 cut(const Tile *t, int8 slot, int8 x, int8 y, float8 depth, float8 old, _
 #define CUT(depth, slot, x, y, old)
 #endif
 
-// Draw a triangle of any size, including one that must be clipped, in spans of pixels, row by row.
+// Draw a triangle of any size in spans of pixels, row by row. The triangle may need clipping.
 void draw_outline(Tile *t, int slot, __constant float *view)
 {
     const int8 lane = (int8)(0, 1, 2, 3, 4, 5, 6, 7);

@@ -273,7 +273,7 @@ void shade(const Tile *t, __constant float *view, __global const float *colors, 
 // ---- the image
 
 // Draw the clusters of `list` that reach the tile, from near to far.
-// The array `list` has room for twice its length.
+// The array `list` has memory for 2 n entries.
 void draw_list(Tile *t, __global int *list, int n, __global const int *rects, __global const float *nearest,
     int stride, int blocks, __constant float *view)
 {

@@ -56,7 +56,7 @@ void hit(const Target *t, int x, int y, float depth, uint slot, __constant float
     ulong key = (ulong)as_uint(depth) << 32 | ~slot;
     __global ulong *place = (__global ulong *)pixel;
     // Keys only grow, so an earlier read suffices to reject a pixel.
-    // Most hidden pixels end here.
+    // This test rejects most hidden pixels.
     if (key > *(volatile __global ulong *)place && IS_THERE(t, x, y, slot, view))
         atom_max(place, key);
 #else

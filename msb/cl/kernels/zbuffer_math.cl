@@ -20,7 +20,7 @@
 
 // Very distant geometry is computed in double precision if the device supports it.
 // A million units away, float32 resolves a corner only to 0.06.
-// Nearby planes and edges would be arbitrary.
+// Planes and edges of a triangle with such a corner would be wrong near the camera.
 #define FAR 1024.0f       // scene units from the camera, along any axis
 #define UNCERTAIN 1024.0f // maximum ratio between the terms of a determinant and its value, for float32
 #ifdef cl_khr_fp64
@@ -400,9 +400,9 @@ Edges make_edges(const Outline *o, int k, int left, int top, int right, int bott
 // ---- colours
 
 // Weights of the corners where the ray meets the plane of the triangle (Moeller and Trumbore 1997).
-// The stored corners are used, not the snapped ones.
-// Snapping may put a sample outside, so the weights are clamped to the triangle.
-// A triangle seen edge-on has no weights, so its first corner gets weight 1.
+// The weights refer to the stored corners, which are not snapped. Snapping may put a sample outside, so the
+// weights are clamped to the triangle. A triangle seen edge-on has no weights, so its first corner gets
+// weight 1.
 #define WEIGHTS(REAL, view, c0, c1, c2, c3, c4, c5, c6, c7, c8, px, py, w, u, v)                                \
     REAL w, u, v;                                                                                               \
     {                                                                                                           \

@@ -38,7 +38,7 @@ _GUARANTEED = Limits(binding=1 << 27, buffer=1 << 28, side=8192)
 # Limits of most desktop graphics cards. The page requests the limits that it needs, and reports an error if
 # the limits of the device are lower.
 _LARGER = Limits(binding=1 << 30, buffer=1 << 31, side=8192)
-# Number of chunks of faces that are blended one after the other (see `program.STOPS`). The page has fewer
+# Number of face chunks, which are blended one after the other (see `program.STOPS`). The page has fewer
 # chunks than the renderer, because the pass before each chunk reads all samples, which is slow in browsers.
 STOPS = 8
 # The combinations of face order and sampling that a page offers.
@@ -179,12 +179,13 @@ def make_page(
     ----------
     asset : Asset
         The asset, which may be reduced.
-    name, cameras, up, background
-        As for `webpage.scene_to_json`.
+    name, cameras, up, background : see `webpage.scene_to_json`
     settings : mapping
         Settings that replace the settings in the asset.
-    tests, against
-        The test views, and a text that names the source of their images.
+    tests : sequence of CheckView
+        The test views.
+    against : str
+        The source of the images in the test views.
     costs : sequence of Cost
         The reductions that were applied to `asset`, with their losses.
     all_faces : int, optional
@@ -285,8 +286,8 @@ def _make_plans(packed: Packed, limits: Limits, name: str) -> dict[tuple[Order, 
 def _describe_record(packed: Packed) -> dict[str, Any]:
     """Return the layout of the uniform buffer for a camera. The page fills the uniform buffer for each frame.
 
-    `members` describes each member of the buffer by name, type, number of values and byte offset. The members
-    of the method come last, and `own` has their values. `near` and `far` are the planes of the official
+    `members` describes each member of the buffer by name, type, number of values and byte offset. The
+    method's members come last; their values are in `own`. `near` and `far` are the planes of the official
     projection.
     """
     model = packed.model

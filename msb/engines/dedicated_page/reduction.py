@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from msb.asset import Asset
 from msb.engines.dedicated_page.storage import CHUNK, LEVELS, find_exponents
 
-# Largest extent of a chunk of positions in grid steps. The extent is below 65,535, because rounding may add
-# one step.
+# Largest extent of a position chunk, in grid steps. The extent is below 65,535, because rounding may add one
+# step.
 GRID = 65000
 # Buffers whose values are rounded to 256 values per column.
 _ROUNDED = ("f_dc", "f_rest", "opacity", "sigma")
@@ -104,10 +104,10 @@ def _reorder_along_curve(asset: Asset, buffers: dict[str, NDArray[Any]]) -> None
 
 
 def _morton_keys(points: NDArray[np.float32]) -> NDArray[np.uint64]:
-    """Return the positions (N,) of points (N, 3) along a Morton curve, with 16 bits per axis.
+    """Return the index (N,) of each point (N, 3) along a Morton curve, with 16 bits per axis.
 
-    The curve fills a box from the 1st to the 99th percentile of each coordinate. A few distant faces cannot
-    reduce the resolution of the curve.
+    The curve fills a box from the 1st to the 99th percentile of each coordinate. Percentiles prevent that a
+    few distant faces reduce the resolution of the curve.
     """
     low, high = np.quantile(points, [0.01, 0.99], axis=0)
     share = np.clip((points - low) / np.maximum(high - low, 1e-30), 0, 1)
@@ -121,7 +121,7 @@ def _morton_keys(points: NDArray[np.float32]) -> NDArray[np.uint64]:
 
 
 def select_faces(asset: Asset, faces: NDArray[np.integer[Any]]) -> Asset:
-    """Return `asset` with only the faces numbered `faces`, in this order, and with their vertices."""
+    """Return `asset` reduced to the faces with the indices `faces`, in this order, and to their vertices."""
     buffers = dict(asset.buffers)
     indices = buffers["indices"][faces].astype(np.int64)
     vertices, number = np.unique(indices, return_inverse=True)

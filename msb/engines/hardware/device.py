@@ -140,7 +140,7 @@ class DevicePlan:
         """Create the textures and buffers for frames with these bands, the largest band first."""
         self.bands = bands
         self._groups = {key: group for key, group in self._groups.items() if key[0] < len(self._plan.passes)}
-        # The uniform buffer has a slot for each band: x, y, width, height, and the number of the first output
+        # The uniform buffer has a slot for each band: x, y, width, height, and the index of the first output
         # value.
         rows = np.zeros((len(bands), SLOT // 4), np.uint32)
         for row, band in zip(rows, bands, strict=True):
@@ -208,8 +208,8 @@ class DevicePlan:
     ) -> None:
         """Encode the steps of one stage.
 
-        `timed` is a query set with the numbers of the start query and the end query. Consecutive compute
-        steps share a compute pass; every draw step is a separate render pass.
+        `timed` holds a query set, the index of the start query, and the index of the end query. Consecutive
+        compute steps share a compute pass; every draw step is a separate render pass.
         """
         # Group the steps into compute and render passes.
         passes: list[list[tuple[int, int]]] = []

@@ -97,24 +97,25 @@ fn to_sample(ndc: f32, size: u32) -> f32 {
 
 // ---- tiles and boxes of samples: (x0, y0, x1, y1)
 
-// Converts to an integer like the GPUs of the official kernels: towards zero, saturating, 0 for NaN; at most `limit`.
+// Converts to an integer as CUDA does: rounds towards zero, saturates, and maps NaN to 0. The result is at
+// most `limit`.
 fn tile_number(value: f32, limit: u32) -> i32 {
     let low = select(0.0, value, value > 0.0);
     return i32(floor(select(f32(limit), low, low < f32(limit))));
 }
 
-// Returns the integer of `tile_number`, but rounded up.
+// Rounds up to an integer; otherwise equal to `tile_number`.
 fn tile_after(value: f32, limit: u32) -> i32 {
     let low = select(0.0, value, value > 0.0);
     return i32(ceil(select(f32(limit), low, low < f32(limit))));
 }
 
 // Returns the box of the samples in [low, high], clamped to the raster; both ends are inclusive.
-// NaN gives all samples.
+// If a bound is NaN, the box contains all samples.
 fn box_of(low: vec2<f32>, high: vec2<f32>) -> vec4<i32> {
     let w = f32(view.width) - 1.0;
     let h = f32(view.height) - 1.0;
-    // A lower end outside the raster means an empty box.
+    // If the lower bound lies beyond the raster, the box is empty.
     let x0 = select(0.0, select(w + 1.0, low.x, low.x < w), low.x > 0.0);
     let y0 = select(0.0, select(h + 1.0, low.y, low.y < h), low.y > 0.0);
     let x1 = select(w, select(-1.0, high.x, high.x >= 0.0), high.x < w);

@@ -36,7 +36,7 @@ class ComputePass:
 
     `groups` is the number of workgroups. If `groups` is None, the GPU reads the number at byte `indirect` of
     the buffer `arguments`. If `groups` and `indirect` are both None, the pass has one invocation per pixel of
-    the band. A workgroup of such a pass has 64 pixels of a row.
+    the band. In a pass over pixels, a workgroup processes 64 pixels of a row.
     """
 
     stage: str

@@ -110,7 +110,7 @@ def make_plan(
     limits, name : Limits, str
         The limits of the device, and its name for error messages.
     order, sampling : str
-        As for the OpenCL renderer.
+        The same options as in the OpenCL renderer.
     form : str
         Texture format of the blended targets.
     stops : int

@@ -31,13 +31,14 @@ _BLENDS = {FLOAT: "float32", HALF: "half floats"}
 _ROOM = {FLOAT: 1 << 23, HALF: 1 << 24, NUMBERS: 1 << 24}
 
 
-# The group in memory reports for the first word of each memory use.
+# Maps the first word of each memory use to a group in memory reports.
 _GROUPS = {
     **dict.fromkeys(("positions", "indices"), "geometry"),
     **dict.fromkeys(("coverage", "f_dc", "f_rest", "opacity", "features", "decoder"), "appearance"),
     **dict.fromkeys(("image", "depth", "covered", "nearest", "z-buffer", "pixels,", "pixels"), "targets"),
 }
-# Limits that are requested at the adapter's maximum. The first three limits are the members of `Limits`.
+# The device is opened with the adapter's maximum of these limits. The first three limits are the members of
+# `Limits`.
 _LIMITS = (
     "max-storage-buffer-binding-size",
     "max-buffer-size",
@@ -63,8 +64,8 @@ class HardwareRenderer:
     ----------
     device : {"cpu", "gpu"}, optional
         "cpu" is a software adapter, "gpu" any other adapter. Default: a GPU if possible.
-    order, sampling
-        As for the OpenCL renderer.
+    order, sampling : str
+        The same options as in the OpenCL renderer.
     half : bool
         Blend in half floats even if the adapter can blend float32.
     stops : int

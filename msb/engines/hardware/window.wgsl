@@ -69,8 +69,8 @@ fn project_window(p: array<vec3<f32>, 3>, w: ptr<function, Window>) -> bool {
         (*w).edge_offset[k] = t * outward;
         (*w).inradius[k] = distance * outward;
     }
-    // NaN if two corners coincide.
-    // The official code keeps such a face, but no sample is inside it.
+    // The values are NaN if two corners coincide. The official code keeps such a face, but no sample is
+    // inside it.
     return !((*w).inradius[2] > -1.0);
 }
 
@@ -135,7 +135,7 @@ fn nearest_edge(normal_x: vec3<f32>, normal_y: vec3<f32>, offset: vec3<f32>, x: 
     return max(max(e.x, e.y), e.z);
 }
 
-// Returns phi^sigma like the official fast power; 0 for phi = 0.
+// Returns phi^sigma, computed like the official fast power function. The result is 0 if phi is 0.
 fn window_power(phi: f32, sigma: f32) -> f32 {
     return select(0.0, exp2(max(sigma * log2(max(phi, 1e-30)), -100.0)), phi > 1e-30);
 }

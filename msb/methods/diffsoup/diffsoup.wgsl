@@ -118,8 +118,8 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     (*face).number = vec4<f32>(f32(number & 0xffffu), f32(number >> 16u), coverage[number], 0.0);
     let front = vec3<bool>(p0.w > 0.0, p1.w > 0.0, p2.w > 0.0);
     // The official code clips nothing: a triangle with a corner at or behind the camera plane is dropped.
-    // An engine keeps the part in front.
-    // The rectangle of the triangle is the whole image, and the depth test discards the part behind.
+    // A game engine keeps the part in front of the camera. The triangle's rectangle is then the whole image,
+    // and the depth test discards the part behind the camera.
 #if ENGINE
     let dropped = !any(front);
 #else
@@ -152,7 +152,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
 
 @group(0) @binding(7) var<storage, read> features: array<TEXEL>;
 
-// Weights are in matrices of four by four: output block by output block, each with all its input blocks.
+// The weights are stored as 4 x 4 matrices, ordered by output block, then by input block.
 struct Decoder {
     weight: array<mat4x4<f32>, 36>,
     bias: array<vec4<f32>, 9>,
@@ -167,7 +167,7 @@ fn feature(at: u32) -> f32 {
 #endif
 }
 
-// Features 0 to 3, then 4 to 6.
+// Feature vectors of a lattice node: `low` has features 0 to 3, `high` has features 4 to 6.
 struct Node {
     low: vec4<f32>,
     high: vec3<f32>,

@@ -1,5 +1,5 @@
 // DiffSoup in GPU style: a work-group draws one triangle with atomics, and a work-item shades one pixel.
-// Further defines are GROUP, the size of the work-groups of `raster`, and KEYS, whether 64-bit atomics exist.
+// Further defines: GROUP is the work-group size of `raster`, and KEYS is 1 if the device has 64-bit atomics.
 //
 // The key of a pixel has 64 bits.
 // The upper half is the bits of depth + 2 minus the bits of 1; the lower half is the face number.

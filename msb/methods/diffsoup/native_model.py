@@ -36,7 +36,7 @@ class DiffSoupModel:
         A byte v means v / 255.
     opacity : (F, S), with the dtype of `features`
     opaque : (F,) uint8
-        1 for faces whose interpolated opacity cannot be below the threshold.
+        The value is 1 for faces whose interpolated opacity cannot be below the threshold.
     decoder : (595,) float32
         Weights [out][in] and biases of each layer, one layer after another.
     level : int
@@ -110,10 +110,10 @@ def diffsoup_matrices(
     camera : Camera
         OpenCV axes in both layouts.
     layout : {"colmap", "synthetic"}
-        "colmap": the matrix V negates the camera's z, NDC y grows downwards, and cy has the official sign,
-        which is the opposite of the correct one. "synthetic": the matrix V negates y and z, and NDC y grows
-        upwards. The official code assumes a principal point in the middle, but this function supports any
-        principal point.
+        "colmap": the matrix V negates the camera's z, and NDC y grows downwards. The official sign of cy is
+        the opposite of the correct sign. "synthetic": the matrix V negates y and z, and NDC y grows upwards.
+        The official code assumes a principal point in the middle, but this function supports any principal
+        point.
     near, far : float
         Camera depths in scene units that become NDC -1 and 1.
 
@@ -138,7 +138,7 @@ def diffsoup_matrices(
     projection[0, 2] = unit - two * (cx / width)
     projection[1, 2] = two * (cy / height) - unit
     projection[3, 2] = -1
-    # NumPy may divide by zero; `invert_projection` rejects such planes
+    # invalid planes may cause a division by zero; `invert_projection` rejects these planes
     near, far = np.float64(near), np.float64(far)
     with np.errstate(all="ignore"):
         projection[2, 2] = (far + near) / (near - far)

@@ -19,10 +19,10 @@
 #endif
 #define LOG2E 1.4426950408889634f
 
-// A row of `positions` has the mean, and xx, xy, xz, yy, yz, zz of the covariance; coverage is the opacity.
-// At a sample (dx, dy) from the mean, the Gaussian is 2^(a dx^2 + b dx dy + c dy^2).
-// If the exponent is below `limit`, alpha is below 1/255.
-// The density along the ray of a sample is largest at depth - rise . (dx, dy).
+// A row of `positions` has the mean, and the covariance entries xx, xy, xz, yy, yz, zz. The array coverage
+// has the opacity. At a sample (dx, dy) from the mean, the Gaussian is 2^(a dx^2 + b dx dy + c dy^2). If the
+// exponent is below `limit`, alpha is below 1/255. The density along the ray of a sample is largest at depth
+// - rise . (dx, dy).
 #define FACE_MEMBERS(REAL, INT)                                                                              \
     {                                                                                                        \
         REAL x, y, a, b, c, opacity, limit, depth, rise[2], color[3], unused[6];                             \
@@ -31,8 +31,8 @@
 typedef struct BY_EIGHTS Face FACE_MEMBERS(float, int) Face;
 typedef struct FACE_MEMBERS(real, mask) Faces;
 
-// Three points around the mean, at 3.4 standard deviations or more; splat_bounds.cl makes a sphere from them.
-// Beyond 3.33 standard deviations, alpha is below 1/255.
+// Returns three points around the mean, at 3.4 standard deviations or more. splat_bounds.cl computes a sphere
+// from the three points. Beyond 3.33 standard deviations, alpha is below 1/255.
 void corners_of(const size_t *rows, __global const float *positions, __global const uint *indices,
                 vec3 *corners)
 {

@@ -1,4 +1,4 @@
-"""2DGS as drawn by its official kernel, in the official order of operations, or by the rules of gsplat.
+"""Renders 2DGS in the official order of operations, or by the rules of gsplat.
 
 Sources: hbb1/diff-surfel-rasterization at e0ed020: cuda_rasterizer/forward.cu, auxiliary.h;
 nerfstudio-project/gsplat at 90d7b4b: gsplat/cuda/_torch_impl_2dgs.py.

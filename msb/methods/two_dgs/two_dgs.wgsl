@@ -71,7 +71,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     result.depth = t.z;
     let opacity = coverage[start];
 
-    // Columns p, q, r for both axes and the mean: the screen position times depth, and the depth.
+    // For both axes and the mean, p and q hold the screen position times depth, and r holds the depth.
     let size = vec2<f32>(f32(view.width), f32(view.height));
     let middle = keep2((size - 1.0) / 2.0 + view.shift);
     var p: vec3<f32>;
@@ -97,7 +97,8 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     }
     let extent = vec2<f32>(root(greater(box.squares.x, LEAST)), root(greater(box.squares.y, LEAST)));
 
-    // The samples with an alpha of 1/255 or more, of the disc, and of the filter around the middle of the official box.
+    // The samples with an alpha of 1/255 or more. The samples belong to the disc, or to the filter around the
+    // middle of the official box.
     let limit = 2.0 / LOG2E * log2(greater(mul(255.0, opacity), 1e-30)) + 1e-3;
     let reach = disc_box(p, q, r, greater(limit, 0.0));
     let far = dot2(reach.middle, reach.middle);

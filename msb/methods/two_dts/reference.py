@@ -39,7 +39,7 @@ from msb.scenes import Camera
 NEAR, FAR = 1.0, 1000.0
 # Minimum divisor and minimum area of the official kernels.
 EPS = 1e-8
-# Ratio of the bounds of a triangle to the triangle, both measured from the centroid.
+# Ratio between the size of a triangle's bounds and the size of the triangle, measured from the centroid.
 DILATION = 3
 # Upper limits of alpha and of the eccentricity.
 MAX_ALPHA = 0.99
@@ -284,8 +284,8 @@ class EngineRasterizer:
 
 
     Graphics hardware draws nothing outside a triangle, but the falloff of this method extends beyond the
-    edges. Each triangle is enlarged about its centroid until it contains the whole falloff. An engine can do
-    this in a vertex shader.
+    edges. Each triangle is enlarged about its centroid until it contains the whole falloff. A game engine can
+    enlarge triangles in a vertex shader.
 
     `AffineRasterizer` explains the attributes. The attribute `radius` is 0. Pass the result of the function
     `reach` as `reached` (F,).

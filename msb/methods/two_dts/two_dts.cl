@@ -26,7 +26,7 @@
 // The product of this vector and dual2 is coordinate 2, and the product with dual3 is coordinate 3.
 #define SHAPE(REAL) REAL corner[3], dual2[3], dual3[3], distance;
 #else
-// Corners in samples, 1 / twice the area, and camera depth of the corners.
+// Corner positions in samples, the value 1 / (2 area), and the camera depths of the corners.
 #define SHAPE(REAL) REAL x[3], y[3], inverse, z[3];
 #endif
 // The value limit is the eccentricity limit of `coverage`.
@@ -197,7 +197,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     kept &= (official->x1 > official->x0) & (official->y1 > official->y0);
     f->x0 = box.x0;
     f->y0 = box.y0;
-    // the official code keeps such faces, but they are visible nowhere
+    // the official code keeps such faces, although they cover no sample
     f->x1 = f->limit < 0.0f ? (mask)-1 : box.x1;
     f->y1 = box.y1;
     return kept;
