@@ -122,7 +122,7 @@ class WgpuRenderer(Engine):
         self._gpu.close()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return the group in memory reports for each use. Textures belong to the group "appearance"."""
+        """Return the report group of each memory use. Textures belong to the group "appearance"."""
         textures = (use for use in self._gpu.resources if use.startswith("texture "))
         return {**super().memory_groups(), **dict.fromkeys(textures, "appearance")}
 

@@ -116,8 +116,9 @@ class Renderer:
         camera : Camera
         background : (3,) array_like of float, or str, optional
             Red, green and blue in the asset's colour space, all finite. Possible texts are "black", "white",
-            "#rrggbb", "r,g,b" with numbers in 0..1, and "official", the background that the asset records. The default background is "official". The method's background is used if the asset
-            records none; meshes have a black background.
+            "#rrggbb", "r,g,b" with numbers in 0..1, and "official", the background that the asset records.
+            The default background is "official". If the asset records no background, the background of the
+            method is used; meshes have a black background.
 
         Raises
         ------

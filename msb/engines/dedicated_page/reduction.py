@@ -106,8 +106,8 @@ def _reorder_along_curve(asset: Asset, buffers: dict[str, NDArray[Any]]) -> None
 def _morton_keys(points: NDArray[np.float32]) -> NDArray[np.uint64]:
     """Return the index (N,) of each point (N, 3) along a Morton curve, with 16 bits per axis.
 
-    The curve fills a box from the 1st to the 99th percentile of each coordinate. Percentiles prevent that a
-    few distant faces reduce the resolution of the curve.
+    The curve fills a box from the 1st to the 99th percentile of each coordinate. The percentiles
+    exclude a few distant faces, which would reduce the resolution of the curve.
     """
     low, high = np.quantile(points, [0.01, 0.99], axis=0)
     share = np.clip((points - low) / np.maximum(high - low, 1e-30), 0, 1)

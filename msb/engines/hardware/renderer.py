@@ -230,7 +230,7 @@ class HardwareRenderer:
         return self._gpu.memory()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return the group in memory reports for each use."""
+        """Return the report group of each memory use."""
         return {name: _GROUPS[word] for name in self._gpu.resources if (word := name.split()[0]) in _GROUPS}
 
     def close(self) -> None:

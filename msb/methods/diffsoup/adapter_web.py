@@ -99,13 +99,7 @@ def _read_png(path: Path, faces: int) -> NDArray[np.uint8]:
             return np.asarray(image)
     except CheckpointError:
         raise
-    except (
-        OSError,
-        ValueError,
-        SyntaxError,
-        EOFError,
-        MemoryError,
-    ):  # the errors that Pillow raises for broken PNGs
+    except (OSError, ValueError, SyntaxError, EOFError, MemoryError):  # Pillow's errors for broken PNGs
         raise error("is not a complete PNG") from None
     finally:
         Image.MAX_IMAGE_PIXELS = limit

@@ -21,8 +21,8 @@
 
 // A row of `positions` has the mean, and the covariance entries xx, xy, xz, yy, yz, zz. The array coverage
 // has the opacity. At a sample (dx, dy) from the mean, the Gaussian is 2^(a dx^2 + b dx dy + c dy^2). If the
-// exponent is below `limit`, alpha is below 1/255. The density along the ray of a sample is largest at depth
-// - rise . (dx, dy).
+// exponent is below `limit`, alpha is below 1/255. The density along the ray of a sample is largest at
+// depth - rise . (dx, dy).
 #define FACE_MEMBERS(REAL, INT)                                                                              \
     {                                                                                                        \
         REAL x, y, a, b, c, opacity, limit, depth, rise[2], color[3], unused[6];                             \
