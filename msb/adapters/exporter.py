@@ -167,7 +167,7 @@ def _without_bad_faces(model: Model, reject: str) -> Model:
             raise CheckpointError("CHECKPOINT_NONFINITE", text, file=file, pointer=name)
     check_indices(model.buffers["indices"], len(model.buffers["positions"]), file)
     bad, names = find_bad_faces(model.buffers, model.domains)
-    # Unused vertices with non-finite positions are handled in the same way.
+    # Unused vertices with non-finite positions are also removed, with a warning.
     is_odd = find_bad_rows(model.buffers["positions"]) is not None
     if not (len(bad) and (bad.any() or is_odd)) or reject == "everything":
         return model
@@ -180,7 +180,7 @@ def _without_bad_faces(model: Model, reject: str) -> Model:
         text = f"{what}; an asset must have finite coordinates, and at least one face"
         raise CheckpointError(code, text, file=file)
     buffers = keep_faces(model.buffers, model.domains, ~bad)
-    text = f"{what}; they are left out" if count else "removed unused vertices that are not finite"
+    text = f"{what}; these faces are left out" if count else "removed unused vertices that are not finite"
     warning = finding(code, text, severity="warning", value=count)
     return replace(model, buffers=buffers, warnings=(*model.warnings, warning))
 

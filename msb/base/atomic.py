@@ -407,7 +407,10 @@ def _above(target: Path) -> Path:
 
 
 def _check_folder(target: Path, above: Path) -> None:
-    """Reject a target below a file. The operating system reports only "File exists" in this case."""
+    """Reject an output path that lies below a file.
+
+    The operating system reports only "File exists" in this case.
+    """
     if not above.is_dir():
         raise OutputError(
             "OUTPUT_UNWRITABLE", f"the path cannot be written: {above} is not a folder", file=target

@@ -1,7 +1,7 @@
 """Call functions in child processes with limits of time and memory.
 
-Other libraries can hang, crash or exhaust the memory. In a child process, such a failure does not end the
-main process. Arguments and results are exchanged as files in a temporary folder.
+Other libraries can hang, crash or exhaust the memory. In a child process, a crash of a library does not end
+the main process. Arguments and results are exchanged as files in a temporary folder.
 """
 
 import contextlib

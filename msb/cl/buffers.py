@@ -19,7 +19,7 @@ from msb.errors import DeviceError
 
 Shape = int | tuple[int, ...]
 
-# The group of temporary results, the default.
+# The default group, for temporary results.
 SCRATCH = "scratch"
 # Minimum alignment, in bytes, of a host array that is shared instead of copied: one cache line. Kernels use
 # types of at most 32 bytes (float8), because 64-byte types crash in the PoCL wheel.

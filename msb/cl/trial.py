@@ -32,7 +32,7 @@ from msb.cl.records import DeviceRecord
 from msb.errors import DeviceError, OutputError, one_line, shorten
 
 # Time limit of a device trial in seconds, including the start of the compiler. A typical device trial takes
-# 12 seconds; on a busy machine it takes longer.
+# 12 seconds, or longer on a busy machine.
 _SECONDS = 120.0
 # Number of work-items in the trial kernel.
 _COUNT = 64

@@ -312,7 +312,7 @@ def pack_camera(camera: Camera) -> NDArray[np.float32]:
     rotation = np.eye(4)
     rotation[:3, :3] = camera.world_to_camera[:3, :3]
     parts = ((projection @ rotation).T.reshape(-1), rounded, [0.0], camera.center - rounded, [0.0])
-    with np.errstate(over="ignore"):  # a camera beyond 1e38 has infinite coordinates and sees nothing
+    with np.errstate(over="ignore"):  # camera coordinates beyond 1e38 overflow; the image is empty
         return np.concatenate(parts).astype(np.float32)
 
 

@@ -58,7 +58,7 @@ def render_reference(
         float32: the official order of operations in strict IEEE float32. float64: the same operations in
         double precision.
     order, sampling : str
-        "tile" and "official" repeat the official code; the other values imitate an engine
+        "tile" and "official" repeat the official code; the other values imitate a game engine
         (docs/dedicated.md).
 
     Raises

@@ -20,7 +20,7 @@ from msb.asset.strict_zip import Member, Policy, read_members
 from msb.errors import shorten
 
 # Maximum size of data.pkl in bytes. data.pkl does not contain the values of tensors, so some kilobytes are
-# usual. A list of a million losses takes 9 MiB.
+# usual. A list with the losses of a million training steps takes 9 MiB.
 MAX_PICKLE = 16 << 20
 # Maximum number of members of an archive. An archive has one member per tensor, and a few others. Files of
 # the methods have fewer than 30 members, and files of other large models have thousands.
@@ -94,8 +94,10 @@ def read_archive(view: memoryview) -> Any:
 
 
 def _root(members: dict[str, Member]) -> str:
-    """Return the folder of data.pkl, with a slash at the end. The archive must have exactly one such
-    folder."""
+    """Return the folder of data.pkl, with a slash at the end.
+
+    Exactly one folder of the archive must contain data.pkl.
+    """
     roots = [name[: -len(_PICKLE)] for name in members if name == _PICKLE or name.endswith("/" + _PICKLE)]
     for name in filter(_is_script, members):
         _refuse_script(name)

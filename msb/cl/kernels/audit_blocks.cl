@@ -12,8 +12,8 @@ void sort_block(__global const Record *restrict records, uint count, uint first,
     for (uint i = 0, sum = 0; i <= vertices; i++)
         starts[i] = sum += starts[i];
     // At first, starts[i] is the end of the records of vertex i.
-    // The sort then moves starts[i] down to their start.
-    // Reading from the last record to the first preserves the order of the records.
+    // The sort then moves starts[i] down to the first record of vertex i. Reading from the last record to the
+    // first preserves the order of the records.
     for (uint i = count; i-- > 0;)
         sorted[--starts[records[i].x - first]] = records[i];
 }

@@ -2,7 +2,7 @@
 // Red, green and blue are solved together, in x, y and z.
 // Each work-item handles RUN consecutive texels, so sums are equal in every run.
 // msb/bake/texture_equations.py defines RUN.
-// NOTHING, in the same file, is the residual below which a solution is exact.
+// The constant NOTHING, in the same file, is the residual below which a solution is exact.
 
 // Tie neighbouring texels of a chart to each other, and tie a texel without neighbours to its current value.
 // Without these ties, texels that no image shows could take arbitrary values.

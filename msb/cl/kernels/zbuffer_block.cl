@@ -200,7 +200,7 @@ void draw_block(Tile *t, int block, __constant float *view)
     int8 v_low = min8i(min8i(V0, V1), V2), v_high = max8i(max8i(V0, V1), V2);
 
     // Select pixels with their centre in the box of the triangle.
-    // Most small triangles have no such pixel in this tile.
+    // Most small triangles contain no pixel centre of this tile.
     int8 x0 = max8i((u_low + (HALF - 1)) >> SUBPIXEL_BITS, (int8)t->x0);
     int8 y0 = max8i((v_low + (HALF - 1)) >> SUBPIXEL_BITS, (int8)t->y0);
     int8 w = min8i((u_high - HALF) >> SUBPIXEL_BITS, (int8)(t->x1 - 1)) - x0;

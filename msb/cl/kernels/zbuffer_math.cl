@@ -9,7 +9,7 @@
 // msb/render/standard/triangles.py defines SUBPIXEL_BITS, WORDS (floats per record) and the values of COLORS.
 // Colours of the kinds BYTES_OF_CORNERS and FLOATS_OF_FACE are stored in the record.
 // FLOATS_OF_CORNERS has nine floats per face in a separate buffer.
-// TEXTURES is explained in zbuffer_texture.cl; it includes CUTOFF if alpha decides visibility.
+// zbuffer_texture.cl explains the kind TEXTURES. With TEXTURES, CUTOFF is 1 if alpha decides visibility.
 #define UNIT (1 << SUBPIXEL_BITS) // unit of screen coordinates, 1/4096 pixel
 #define HALF (UNIT / 2)
 #define SMALL_EXTENT (64 * UNIT) // maximum extent of triangles that a CPU draws eight at once
@@ -20,7 +20,7 @@
 
 // Very distant geometry is computed in double precision if the device supports it.
 // A million units away, float32 resolves a corner only to 0.06.
-// Planes and edges of a triangle with such a corner would be wrong near the camera.
+// Planes and edges of triangles with distant corners would be wrong near the camera.
 #define FAR 1024.0f       // scene units from the camera, along any axis
 #define UNCERTAIN 1024.0f // maximum ratio between the terms of a determinant and its value, for float32
 #ifdef cl_khr_fp64
@@ -95,10 +95,9 @@ typedef float real;
 
 // 1 / z is affine on the screen.
 // With the plane's normal n and d = n . corner, 1 / z is (n . (u, v, 1)) / d.
-// The coordinates u and v are in units from the principal point.
-// A and B are the slopes of 1 / z per unit.
-// The edge vectors start at the corner with the least depth.
-// Edge vectors from a corner far away are nearly parallel, and rounding would tilt their plane.
+// The coordinates u and v are distances from the principal point, in steps of 1/4096 pixel. A and B are the
+// slopes of 1 / z per unit. The edge vectors start at the corner with the least depth. Edge vectors from a
+// corner far away are nearly parallel, and rounding would tilt their plane.
 #define NEARER(za, zb, a, b) (fabs(za) < fabs(zb) ? (a) : (b))
 #define DEPTH_PLANE(REAL, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, A, B, C)                                          \
     REAL A, B, C;                                                                                               \
@@ -441,7 +440,7 @@ Edges make_edges(const Outline *o, int k, int left, int top, int right, int bott
 
 // Computes the weights in double precision, from the corner nearest to the camera.
 // Double precision is used for long triangles that float32 handles inaccurately.
-// Such a triangle is nearly parallel to the ray, or two of its edges are nearly parallel.
+// Float32 is inaccurate if a triangle is nearly parallel to the ray, or if two edges are nearly parallel.
 // Return whether the triangle requires double precision.
 int wide_weights(__global const float *record, __constant float *view, real px, real py, float *weights)
 {

@@ -401,7 +401,7 @@ def _shrink_factor(stored: NDArray[np.float32], plan_positions: NDArray[np.float
 def _describe_standard_mesh(
     asset: Asset, packed: Packed, values: Mapping[str, Any], arrays: _Arrays
 ) -> dict[str, Any]:
-    """Return the description of the standard-tier mesh for the page: the names of the arrays of the mesh.
+    """Describe the standard-tier mesh for the page, by the names of the mesh arrays.
 
     `grey` is true if the method has no static colours. `shown` is the array that marks the selected faces, or
     None if all faces are selected.

@@ -41,7 +41,7 @@ class Band:
 def split_into_bands(width: int, height: int, scale: int, side: int, room: int) -> list[Band]:
     """Return the bands that cover a frame of `width` x `height` pixels.
 
-    A band has at most `room` pixels. Its width and height are at most `side` samples; a pixel has `scale`
+    A band has at most `room` pixels. A band is at most `side` samples wide and high; a pixel has `scale`
     samples along each axis.
     """
     columns = min(width, side // scale, room)

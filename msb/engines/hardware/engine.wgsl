@@ -18,9 +18,8 @@ struct EngineTriangle {
     samples: vec4<i32>,
     weight: vec3<f32>,
     // Coefficients of four affine functions of a sample's x and y.
-    // Three functions are barycentric coordinates / depth, times `weight`.
-    // At the centre, the smallest of the three values is 1 / depth.
-    // The fourth function is 1 / depth.
+    // Three functions are the barycentric coordinates, divided by depth and multiplied by `weight`. At the
+    // centre, the smallest of the three values is 1 / depth. The fourth function is 1 / depth.
     along_x: vec4<f32>,
     along_y: vec4<f32>,
     constant: vec4<f32>,

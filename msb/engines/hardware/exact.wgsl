@@ -3,9 +3,9 @@
 // WGSL allows a compiler to fuse products into sums, and some compilers also reorder sums.
 // A depth key, an edge distance or a tile rectangle then differs in its last bit.
 // As a result, a face is blended in another order, or is missing in a whole tile.
-// `keep` prevents such errors.
-// The function computes the exclusive or of a value and a 0 from the uniform buffer.
-// The compiler cannot know the 0, so it must compute and round the value at this point.
+// The function `keep` prevents these rounding differences. The function computes the exclusive or of a value
+// and a 0 from the uniform buffer. The compiler cannot know the 0, so it must compute and round the value at
+// this point.
 #include "view.wgsl"
 
 fn keep(x: f32) -> f32 { return bitcast<f32>(bitcast<u32>(x) ^ view.zero); }

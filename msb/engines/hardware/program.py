@@ -8,9 +8,9 @@ A frame of a blended method has these stages:
 4. blend: draw a quad for each record into the targets, in chunks of faces.
 5. resolve: average samples to pixels and add the background.
 
-A method with an opaque surface does not need a sorted order. Its frames have the stages "raster" and "decode"
-instead of "blend". The stage "raster" finds the nearest face of each pixel with a z-buffer, and "decode"
-computes the appearance of this face.
+A method with an opaque surface does not need a sorted order. A z-buffer frame has the stages "raster" and
+"decode" instead of "blend". The stage "raster" finds the nearest face of each pixel with a z-buffer, and
+"decode" computes the appearance of this face.
 """
 
 import re

@@ -72,7 +72,7 @@ class HardwareRenderer:
         Number of chunks of faces for methods that stop samples (see `program.STOPS`); with 1 chunk no sample
         stops.
     debug : bool
-        Keep the data for the method `decisions`.
+        Keep the data that the method `decisions` returns.
     """
 
     name = "wgpu"

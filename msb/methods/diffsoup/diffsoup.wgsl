@@ -317,7 +317,7 @@ fn outline(face: Face, index: u32, corner: vec2<f32>) -> vec2<f32> {
 fn place_of(face: Face, x: i32, y: i32) -> Place {
     let m = meeting_at(centre_at(x, y), face.corner0, face.corner1, face.corner2);
     // The official depth key is NDC depth + 2, between 1 and 3.
-    // The key minus 1, divided by 4, is still exact.
+    // The value (key - 1) / 4 is exact in float32.
     var place = Place(m.inside && m.ndc > -1.0, keep(keep(m.ndc + 2.0) - 1.0) * 0.25);
     // The opacity array may be bound in several parts, and an outline may reach beyond the official rectangle.
     let at = vec2<f32>(f32(x), f32(y));

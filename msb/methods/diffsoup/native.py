@@ -81,8 +81,7 @@ class Pipeline(OnDevice):
         This option has no effect, because the image of a z-buffer does not depend on the order of triangles.
     sampling : {"official", "engine"}
         With "engine", a triangle that crosses the camera plane is clipped as in graphics hardware. With
-        "official", the triangle is dropped. Both modes follow graphics hardware in all other rules of
-        sampling.
+        "official", the triangle is dropped. Both sampling modes follow graphics hardware in all other rules.
     viewer : bool
         Whether to imitate the official viewers: lattices are truncated to bytes, and interpolated features
         are rounded to bytes. The official viewers also clip triangles, which `sampling` "engine" imitates.
@@ -139,8 +138,8 @@ class Pipeline(OnDevice):
         Parameters
         ----------
         camera : Camera
-            OpenCV axes in both layouts. In the layout "colmap", cy is used with the official sign
-            (docs/diffsoup.md).
+            The camera has OpenCV axes in both layouts. In the layout "colmap", cy is used with the official
+            sign (docs/diffsoup.md).
         background : (float, float, float)
             RGB in the asset's colour space.
 

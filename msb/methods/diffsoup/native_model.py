@@ -108,7 +108,7 @@ def diffsoup_matrices(
     Parameters
     ----------
     camera : Camera
-        OpenCV axes in both layouts.
+        The camera has OpenCV axes in both layouts.
     layout : {"colmap", "synthetic"}
         "colmap": the matrix V negates the camera's z, and NDC y grows downwards. The official sign of cy is
         the opposite of the correct sign. "synthetic": the matrix V negates y and z, and NDC y grows upwards.

@@ -89,8 +89,8 @@ class SplattingPipeline(OnDevice):
         "engine" generates fragments like graphics hardware; see docs/dedicated.md.
     early_stop, exact_tiles : bool
         Optimisations. `early_stop` ends the blending of a pixel that cannot change any more. `exact_tiles`
-        lists a face only in the official tiles that it reaches. Both options leave every pixel unchanged. The
-        benchmark measures the time that these options save.
+        lists a face only in the official tiles that it reaches. The options `early_stop` and `exact_tiles` do
+        not change any pixel. The benchmark measures the time that these options save.
     """
 
     name = "msb-dedicated"

@@ -91,7 +91,7 @@ class StandardRenderer(OnDevice):
     ) -> Frame:
         """Draw the asset from `camera` over `background` (RGB in the asset's colour space).
 
-        With supersampling, image and alpha are means over the samples of a pixel. Depth and face are those of
+        With supersampling, image and alpha are means over the samples of a pixel. Depth and face belong to
         the nearest sample. Without supersampling, `out` may be a frame of this size that is no longer needed.
         The function overwrites the arrays of `out`. Passing `out` saves time, because the first access to new
         memory takes longer than the copy.

@@ -56,7 +56,7 @@ class Triangles:
     colors: Buffer
     # (6, stride) float32: centre and half extent of each cluster.
     boxes: Buffer
-    # The kind of colours; the kernels call it COLORS.
+    # The kind of colours, which the kernels call COLORS.
     kind: int
     slots: int
     clusters: int
