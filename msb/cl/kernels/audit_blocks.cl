@@ -43,7 +43,7 @@ void sort_block_in_place(__global Record *records, uint count, uint first, uint 
 }
 
 // Move the records of proper faces (three different vertices) to the front.
-// Return the number of these records.
+// Return the number of records of proper faces.
 uint proper_first(__global Record *records, uint count)
 {
     uint n = 0;

@@ -21,7 +21,8 @@ double face_area(__global const COORDINATE *p, __global const COORDINATE *q, __g
 
 // Meshes have few large components, and usually a single very large component.
 // Each work-item counts in a private table.
-// When another component needs the same slot of the table, the old count is added to the shared `sizes`.
+// If two components need the same slot of the table, the count of the first component is added to the shared
+// `sizes`.
 #define TABLE 64
 
 #define SOON 12 // number of faces to prefetch ahead, so that their vertices and components are already cached

@@ -67,7 +67,7 @@ void count_duplicates(__global const Record *records, uint count, Visit *visit, 
 }
 
 // Return the group (fan of connected faces) of a corner at the vertex.
-// The first word of a corner's record changes from the vertex to the corner's parent.
+// The visit replaces the vertex in the first word of a corner's record by the parent of the corner.
 uint find_group(__global Record *records, uint i)
 {
     while (records[i].x != i) {

@@ -1,7 +1,8 @@
 // Visit a vertex with at most MOST faces; MOST is a multiple of 8, at most 32.
 // All pairs of sides (edges at the vertex) are compared, eight pairs at a time.
 // The result is one word per side; its bits mark the faces with the same neighbour vertex.
-// The comparison takes quadratic time, but is faster than sorting, because no branch is unpredictable.
+// The comparison takes quadratic time, but is faster than sorting, because the comparison has no
+// unpredictable branches.
 
 typedef uint8 __attribute__((aligned(4))) loose_uint8;
 #define LANES(words) (*(loose_uint8 *)(words))
@@ -30,13 +31,11 @@ uint sum_lanes(uint8 v)
 
 // Sums over the sides of a vertex, separately for each lane.
 // `counts` packs five numbers, with enough bits for 64 sides.
-// Two of the numbers count all edges, and the edges to higher vertices.
-// The other numbers only count edges to higher vertices.
-// The edges are boundary edges, two-face edges with flipped winding, or edges with more than two faces.
-// `rim` marks the sides that are boundary edges.
-// `paired` marks the sides that share a higher neighbour with an earlier side.
-// `crowd` is non-zero at an edge with more than two faces.
-// `twins` marks the faces that share both neighbours with another face.
+// Two of the numbers are the count of all edges, and the count of the edges to higher vertices. Three numbers
+// count edges to higher vertices by kind: boundary edges, two-face edges with flipped winding, and edges with
+// more than two faces. `rim` marks the sides that are boundary edges. `paired` marks the sides that share a
+// higher neighbour with an earlier side. `crowd` is non-zero at an edge with more than two faces. `twins`
+// marks the faces that share both neighbours with another face.
 typedef struct {
     uint8 counts, rim[2], paired[2], crowd, twins;
 } Sides;
@@ -86,8 +85,8 @@ void compare_sides(Star *s, Sides *sums, uint v)
     }
 }
 
-// List the edges of a kind from v to higher vertices; `number` edges of this kind are already listed.
-// Listing takes a search per edge, but few vertices have edges to list.
+// List the edges of one kind from v to higher vertices. The list already has `number` edges of this kind.
+// Listing searches the faces of each edge again, but few vertices have edges to list.
 void list_small(const Star *s, const Visit *visit, int kind, ulong number, uint v)
 {
     uint last = v;

@@ -64,7 +64,8 @@ typedef struct {
     ulong at[3];
 } Visit;
 
-// Work-items process vertices and edges in ascending order, so the first few are the lowest.
+// Work-items process vertices and edges in ascending order, so the first listed elements have the lowest
+// indices.
 void count_vertex(__global Tally *t, int kind, uint v)
 {
     ulong n = t->vertex_counts[kind]++;
@@ -72,7 +73,7 @@ void count_vertex(__global Tally *t, int kind, uint v)
         t->vertex_samples[kind][n] = v;
 }
 
-// Count `count` edges of a kind; return whether some of these edges should be listed.
+// Add `count` edges to the count of one kind. Return whether the list of this kind has room for an edge.
 int count_edges(__global Tally *t, int kind, uint count)
 {
     ulong before = t->edge_counts[kind];

@@ -1,7 +1,7 @@
 // Sums over images of the standard tier (opaque rendering) for a bake.
 // The sums give the best colours of each face, and the benefit of changes.
 // Sums are equal in every run.
-// The pixels of a face are added in their order, and all other sums are integers.
+// The pixels of a face are added in a fixed order, and all other sums are sums of integers.
 #define LANES 1
 #include "zbuffer_math.cl"
 

@@ -18,9 +18,9 @@ __kernel void tie(__global const int *charts, float weight, int side, __global f
     equations[i] += weight * tied;
 }
 
-// Add the contributions of smaller levels to the right-hand sides of a level, which begin at `start`.
-// Add the same contributions to the level's diagonal in w.
-// The next smaller level begins at `next`; 0 marks the smallest level.
+// Add the contributions of smaller levels to the right-hand sides of a level. The right-hand sides begin at
+// `start`. Add the same contributions to the level's diagonal in w. The next smaller level begins at `next`;
+// 0 marks the smallest level.
 __kernel void spread(__global float8 *equations, uint start, uint next, int side, __global float4 *direction,
     uint count)
 {
@@ -59,7 +59,8 @@ __kernel void begin(__global const float8 *equations, __global float4 *direction
 }
 
 // The next search direction is the sum of two vectors.
-// The vectors are the residual scaled by the inverse diagonal, and `again` times the previous direction.
+// The vectors are the residual scaled by the inverse diagonal, and the previous direction multiplied by
+// `again`.
 __kernel void turn(__global const float8 *equations, float4 again, __global float4 *direction, uint count)
 {
     size_t i = get_global_id(0);

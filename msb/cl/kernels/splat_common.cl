@@ -265,7 +265,7 @@ vec3 load3(__global const float *p, const size_t *rows)
 // Computes ((ndc + 1) size - 1) / 2, which the official code evaluates in double and rounds once.
 // Pixel i has its centre at the integer i.
 // Here the result is the unevaluated sum of two floats: product and sum with their rounding errors.
-// This sum rounds to the same float, also on devices without double precision
+// The sum rounds to the same float as the official result, even on devices without double precision
 // (tests/render/test_splatting.py).
 real to_sample(real ndc, uint size)
 {

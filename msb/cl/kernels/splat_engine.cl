@@ -44,7 +44,7 @@ void hold_point(Raster r, real x, real y, real z, mask seen, vec2 *low, vec2 *hi
     high->y = (seen & (v > high->y)) ? v : high->y;
 }
 
-// The samples of the part of a triangle beyond the near plane.
+// The samples that the part of a triangle beyond the near plane covers.
 Box engine_box(__constant View *view, const vec3 *p)
 {
     Raster r = raster_of(view);

@@ -94,8 +94,8 @@ mask project_seen(const size_t *rows, const Source *source, __constant View *vie
 // With SHARES, blending writes no pixels, but sums the contribution of each entry of the tile lists.
 // Blending reads the planes that `spread` makes from an image (splat_resolve.cl).
 // List entry e has four sums from sums[4 e] on.
-// The sums are the image's red, green and blue weighted by alpha T, and the weight.
-// The host sets the sums to zero before.
+// The sums are the red, green and blue of the image, each weighted by alpha T, and the sum of the weights.
+// The host sets the sums to zero before the launch.
 #if SHARES
 #define BLEND share
 #define SUMS , __global float *sums

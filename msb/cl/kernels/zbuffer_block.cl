@@ -1,5 +1,5 @@
 // The opaque z-buffer on a CPU within a tile.
-// Eight triangles at once are drawn into depths and slots (triangle numbers).
+// The code draws eight triangles at once into planes of depths and slots (triangle numbers).
 
 #define TINY (7 * UNIT)     // maximum extent of a triangle for edge functions in int32
 #define MEDIUM SMALL_EXTENT // maximum extent of a triangle for edge functions divided by UNIT in int32
@@ -71,7 +71,7 @@ void measure(Tile *t)
         t->limit *= 2;
 }
 
-// Keep the nearer surface at eight pixels of a row; return where depths are equal.
+// Keep the nearer surface at eight pixels of a row. Return a mask of the pixels with equal depths.
 int8 keep(const Tile *t, int at, float8 depth, int slot)
 {
     float8 old = LOAD(t->depth + at, 0);
@@ -116,8 +116,8 @@ void draw_outline(Tile *t, int slot, __constant float *view)
             continue;
         if (t->occludes && hidden(t, s.x0, s.y0, s.x1, s.y1, o.high))
             continue;
-        // If the whole box is inside an edge, no division is needed.
-        // If the whole box is outside an edge, the triangle covers no pixel.
+        // If the whole box is on the inner side of an edge, no division is needed. If the whole box is on the
+        // outer side of an edge, the triangle covers no pixel.
         int cuts[3], outside = 0;
         for (int i = 0; i < 3; i++) {
             long down = s.dx[i] * (s.y1 - s.y0), right = -s.dy[i] * (s.x1 - s.x0);

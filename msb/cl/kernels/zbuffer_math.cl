@@ -82,7 +82,7 @@ typedef float real;
 
 // Transform from world to camera: (fx UNIT x, fy UNIT y, z).
 // The centre is subtracted first.
-// Near the camera these differences are nearly exact, at any distance from the origin.
+// Near the camera, the differences to the centre are nearly exact, at any distance from the origin.
 #define TO_CAMERA(view, a, b, c, X, Y, Z)                                                                       \
     {                                                                                                           \
         a -= view[CENTER];                                                                                      \
@@ -137,8 +137,8 @@ void to_camera(__global const float *corner, __constant float *view, real *to)
 }
 
 // Return the corner nearest to the camera, with the edge vectors to the next and the last corner.
-// The edge vectors of another corner may be nearly parallel.
-// Differences of floats are exact in double precision.
+// From any other corner, the edge vectors may be nearly parallel. Differences of floats are exact in double
+// precision.
 int from_nearest(__global const float *record, __constant float *view, real *origin, real *next, real *last)
 {
     int nearest = 0;
@@ -264,8 +264,8 @@ int clip(float *x, float *y, float *z, real (*wide)[3], __constant float *view)
 }
 
 // Returns whether float32 is too inaccurate for the plane of a triangle with a corner `far` away.
-// If so, `plane` gets the plane in double precision.
-// The plane is computed in world axes, in which differences of corners are exact.
+// If float32 is too inaccurate, `plane` gets the plane in double precision. The plane is computed in world
+// axes, in which differences of corners are exact.
 int is_wide(__global const float *record, float far, __constant float *view, real *plane)
 {
     real o[3], a[3], b[3], size = 0.0f;
@@ -354,10 +354,9 @@ Outline make_outline(__global const float *record, __constant float *view)
 
 // Edge functions of one triangle in exact integers, which are negative outside.
 // On an edge the function is 0.
-// The sample then belongs to the triangle only if the edge is a left or top edge.
-// Therefore exactly one of two triangles that share an edge takes the sample.
-// The values are divided by UNIT.
-// Division keeps the sign, because steps of a pixel are multiples of UNIT.
+// A sample on an edge belongs to the triangle only if the edge is a left or top edge. Therefore exactly one
+// of two triangles that share an edge takes the sample. The values are divided by UNIT. Division keeps the
+// sign, because steps of a pixel are multiples of UNIT.
 typedef struct {
     long e[3];        // value at the centre of pixel (x, y)
     long dx[3], dy[3]; // e changes by -dy per pixel to the right, by +dx per pixel downwards
@@ -399,9 +398,9 @@ Edges make_edges(const Outline *o, int k, int left, int top, int right, int bott
 // ---- colours
 
 // Weights of the corners where the ray meets the plane of the triangle (Moeller and Trumbore 1997).
-// The weights refer to the stored corners, which are not snapped. Snapping may put a sample outside, so the
-// weights are clamped to the triangle. A triangle seen edge-on has no weights, so its first corner gets
-// weight 1.
+// The weights refer to the stored corners, which are not snapped. Snapping may leave a sample outside the
+// stored triangle, so the weights are clamped to the triangle. A triangle seen edge-on has no weights, so its
+// first corner gets weight 1.
 #define WEIGHTS(REAL, view, c0, c1, c2, c3, c4, c5, c6, c7, c8, px, py, w, u, v)                                \
     REAL w, u, v;                                                                                               \
     {                                                                                                           \

@@ -12,7 +12,7 @@
 //   row 2 + 5t  texture t: width, height, last level; the next four rows: first texels of levels 0 to 15
 
 // msb/render/standard/texels.py defines FIRST_ROW, TEXTURE_ROWS and the wrap modes CLAMPED and MIRRORED.
-// Other wrap modes mean repeat.
+// All other values of a wrap mode mean repeat.
 #define TINT_WORDS 12
 // Inlining moves values that are constant along a row out of the loops.
 #if LANES == 8 && defined(__clang__)
@@ -157,8 +157,8 @@ Image image_of(const Textures *t, ints slot)
     return image;
 }
 
-// The texels read in a level: the upper left of four texels, and the offset of the lower two.
-// Three weights follow: for the upper texels, for the lower texels, and for the right texel in each pair.
+// The texels read in a level: the upper left texel of four, and the offset to the lower two texels. Three
+// weights follow: for the upper texels, for the lower texels, and for the right texel in each pair.
 typedef struct {
     ints at, below;
     floats upper, lower, right;
