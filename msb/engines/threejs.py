@@ -28,8 +28,8 @@ class ThreeJsRenderer(Engine):
     Parameters
     ----------
     defaults : bool
-        Keep the default colour management of three.js instead of the settings for exact colours, to show the
-        effect of these settings. With the default colour management, images are read from the 8-bit canvas.
+        Keep the default colour management of three.js, to show the effect of the settings for exact colours.
+        With the default colour management, images are read from the 8-bit canvas.
     """
 
     name = "threejs"

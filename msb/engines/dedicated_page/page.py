@@ -224,7 +224,7 @@ def make_page(
         for buffer, array in plan.data.items():
             same = buffer in first.data and np.array_equal(array, first.data[buffer])
             names[buffer] = buffer if same else arrays.add(f"{buffer}, {order}, {sampling}", array)
-        # The list `modules` stores equal WGSL texts once. A plan stores indices into this list.
+        # The list `modules` stores equal WGSL texts once. A plan stores indices into the list `modules`.
         record = plan.record()
         modules += [text for text in record["modules"].values() if text not in modules]
         record["modules"] = {key: modules.index(text) for key, text in record["modules"].items()}
@@ -369,8 +369,8 @@ def _orbit_sphere(asset: Asset) -> dict[str, Any]:
 
 
 def _required_limit(buffers: Iterable[tuple[int, tuple[str, ...]]], maximum: int, guaranteed: int) -> int:
-    """Return the device limit to request: the size of the largest buffer, clamped to the range `guaranteed`
-    to `maximum`."""
+    """Return the limit to request from the device: the largest buffer size, but at least `guaranteed` and at
+    most `maximum`."""
     return min(maximum, max(guaranteed, *(size for size, _ in buffers)))
 
 

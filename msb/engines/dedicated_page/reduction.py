@@ -38,8 +38,8 @@ def quantise(asset: Asset) -> Asset:
     """
     buffers = dict(asset.buffers)
     _reorder_along_curve(asset, buffers)
-    # Round the positions (V, 3) to multiples of the step of their chunk, a power of two. Adding 0 changes -0
-    # to 0.
+    # Round the positions (V, 3) to multiples of a step. The step of a chunk is a power of two. Adding 0
+    # changes -0 to 0.
     positions = buffers["positions"]
     steps = np.exp2(find_exponents(positions, GRID).astype(np.float64))[
         np.arange(len(positions)) // CHUNK, None
@@ -59,8 +59,8 @@ def quantise(asset: Asset) -> Asset:
 def _round_to_levels(values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return values (N,) rounded to 256 levels.
 
-    The density of the levels is the cube root of the density of the values. The cube root minimises the
-    squared error (Panter and Dite, 1951). The minimum and the maximum of the values do not change.
+    The levels are distributed with the cube root of the value density. The cube root minimises the squared
+    error (Panter and Dite, 1951). The minimum and the maximum of the values do not change.
     """
     finite = values[np.isfinite(values)]
     if not len(finite):
@@ -68,7 +68,7 @@ def _round_to_levels(values: NDArray[np.float32]) -> NDArray[np.float32]:
     low, high = float(finite.min()), float(finite.max())
     if (len(values) <= _FEW or low == high) and len(np.unique(values)) <= LEVELS:
         return values
-    # Space the levels equally in the integral of the cube root of the histogram.
+    # Integrate the cube root of the histogram, and space the levels equally in this integral.
     edges = np.linspace(low, high, _BINS + 1)
     count = np.histogram(finite, edges)[0].astype(np.float64)
     integral = np.concatenate([[0], np.cumsum(np.cbrt(count))])

@@ -169,9 +169,9 @@ def _as_rows(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]] |
 def find_exponents(table: NDArray[np.float32], codes: int) -> NDArray[np.int32]:
     """Return the exponent e of the grid step 2**e for each chunk of rows.
 
-    The exponent is the smallest number that meets two conditions. First, `codes` steps are at least as long
-    as the range of values in the chunk. Second, float32 can represent every multiple of the step within this
-    range exactly.
+    The exponent is the smallest number that meets two conditions. First, `codes` steps together cover the
+    range of values in the chunk. Second, float32 can represent every multiple of the step within this range
+    exactly.
     """
     # Chunks (n, 192, columns); the last chunk is padded with its last row.
     chunks = -(-len(table) // CHUNK)

@@ -194,8 +194,10 @@ class DevicePlan:
         }
 
     def stages(self) -> list[tuple[str, list[tuple[int, int]]]]:
-        """Return the stages of a frame in order. A stage is its name and a list of pairs (step number, band
-        number)."""
+        """Return the stages of a frame in order.
+
+        A stage consists of a name and a list of pairs (step number, band number).
+        """
         first = len(self._plan.passes)
         order = [(number, 0) for number in range(first)]
         order += [(number, k) for k in range(len(self.bands)) for number in range(first, len(self._steps))]

@@ -83,7 +83,8 @@ fn rotate_to_camera(v: vec3<f32>) -> vec3<f32> {
 
 // Returns ((ndc + 1) size - 1) / 2: the centre of pixel i is the integer i.
 // The official code computes this in double precision and rounds once.
-// Here the result is the sum of two floats, with the rounding errors of product and sum.
+// In this file, the result is the sum of two floats: a rounded value, and the rounding errors of product and
+// sum.
 fn to_sample(ndc: f32, size: u32) -> f32 {
     let n = f32(size);
     let m = n - 1.0;
@@ -104,7 +105,7 @@ fn tile_number(value: f32, limit: u32) -> i32 {
     return i32(floor(select(f32(limit), low, low < f32(limit))));
 }
 
-// Rounds up to an integer; otherwise equal to `tile_number`.
+// Like `tile_number`, but rounds up to an integer.
 fn tile_after(value: f32, limit: u32) -> i32 {
     let low = select(0.0, value, value > 0.0);
     return i32(ceil(select(f32(limit), low, low < f32(limit))));

@@ -14,8 +14,9 @@ FRONT_TO_BACK = "one-minus-dst-alpha", "one"
 
 @dataclass(frozen=True)
 class Binding:
-    """A binding of group 0: a texture or a range of a buffer. The range has `size` bytes from `offset` on;
-    without `size`, it is the whole buffer.
+    """A binding of group 0: a texture or a range of a buffer.
+
+    The range has `size` bytes from `offset` on. Without `size`, the range is the whole buffer.
 
     A buffer has the `kind` "uniform", "read" or "write". A texture has the `kind` "texture" (float),
     "numbers" (uint32), or "store" (written as r32float). If `per_band` is true, every band has a different

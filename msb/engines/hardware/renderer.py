@@ -47,7 +47,7 @@ _LIMITS = (
     "max-vertex-attributes",
     "max-color-attachment-bytes-per-sample",
 )
-# Minimum limits that the passes need. WebGPU guarantees the limits of the passes, but adapters in
+# Minimum device limits for the passes. WebGPU guarantees the limits of the passes, but adapters in
 # compatibility mode may have lower limits.
 _NEEDED = {
     "max-storage-buffers-per-shader-stage": 8,
