@@ -89,7 +89,10 @@ class EngineTriangles:
         return np.asarray(1 / _affine(self.inverse_depth[faces], x, y))
 
     def barycentrics(self, faces: Integers, x: Reals, y: Reals) -> tuple[Reals, Reals, Reals]:
-        """Return the weights of the three corners of faces at samples; linear on the triangle in space."""
+        """Return the weights of the three corners of faces at samples.
+
+        The weights are linear on the triangle in space.
+        """
         (first, second, third), depth = self._weighted(faces, x, y), self.depth_at(faces, x, y)
         a, b, c = np.moveaxis(self.weights[faces], -1, 0)
         return first * depth / a, second * depth / b, third * depth / c

@@ -169,5 +169,5 @@ def _pack_surface(asset: Asset, values: Mapping[str, Any]) -> Packed:
 
 
 def _unsupported(asset: Asset) -> Unsupported:
-    text = f"renderer wgpu cannot draw {asset.manifest.method} on tier dedicated: the method's package has no WGSL"
+    text = f"renderer wgpu cannot draw {asset.manifest.method} on tier dedicated: the package has no WGSL"
     return Unsupported("UNSUPPORTED_TIER", text, file=asset.opened_from)

@@ -62,7 +62,7 @@ def texture_size(texels: int) -> tuple[int, int]:
 
 
 def _read_textures(folder: Path, faces: int) -> tuple[list[NDArray[np.uint8]], int]:
-    """Return both textures as (faces, samples, 4), and the level of their lattices."""
+    """Return both textures as arrays (faces, samples, 4), and the lattice level."""
     images = [_read_png(folder / name, faces) for name in ("lut0.png", "lut1.png")]
     sizes = {texture_size(faces * samples(level)): level for level in range(MAX_LEVEL, -1, -1)}
     height, width = images[0].shape[:2]

@@ -262,10 +262,10 @@ fn picture_of(p: vec4<f32>, half: vec2<f32>) -> vec2<f32> {
 
 // Returns corner `index` of the drawn triangle strip.
 // The edges of the triangle are moved outwards.
-// The distance exceeds the rounding errors of the hardware and of the edge functions in `meeting_at`.
-// Returns `corner`, a corner of the rectangle, if the moved triangle is unsuitable.
-// Unsuitable triangles are hardly smaller than the rectangle, too thin, too far away or too pointed.
-// The outline only reduces the number of fragments; it does not decide which pixels are covered.
+// The edges move by more than the rounding errors of the hardware and of the edge functions in `meeting_at`.
+// Returns `corner`, a corner of the rectangle, if the moved triangle is unsuitable. Unsuitable triangles are
+// hardly smaller than the rectangle, too thin, too far away or too pointed. The outline only reduces the
+// number of fragments; it does not decide which pixels are covered.
 fn outline(face: Face, index: u32, corner: vec2<f32>) -> vec2<f32> {
     let p = array<vec4<f32>, 3>(face.corner0, face.corner1, face.corner2);
     let half = 0.5 * vec2<f32>(f32(view.width), f32(view.height));

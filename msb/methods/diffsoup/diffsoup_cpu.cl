@@ -86,7 +86,7 @@ static Span span_of(float4 p0, float4 p1, float4 p2, int2 columns)
     return s;
 }
 
-// First and last column that may be inside in the row at v, widened by one pixel at both ends.
+// First and last column that the triangle may cover in the row at v, widened by one pixel at both ends.
 static int2 row_columns(const Span *s, float v, int2 columns, float width)
 {
     float low = -1.0f, high = 1.0f;

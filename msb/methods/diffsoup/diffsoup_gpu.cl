@@ -15,7 +15,7 @@
 #pragma OPENCL EXTENSION cl_khr_int64_extended_atomics : enable
 #endif
 
-// The two halves of a little-endian key; a pixel has two words.
+// The two 32-bit words of a pixel's little-endian key.
 #define FACE_OF(key) (key)[0]
 #define DEPTH_OF(key) (key)[1]
 #define NOTHING 0xffffffffu

@@ -83,8 +83,8 @@ class Pipeline(OnDevice):
         With "engine", a triangle that crosses the camera plane is clipped as in graphics hardware. With
         "official", the triangle is dropped. Both sampling modes follow graphics hardware in all other rules.
     viewer : bool
-        Whether to imitate the official viewers: lattices are truncated to bytes, and interpolated features
-        are rounded to bytes. The official viewers also clip triangles, which `sampling` "engine" imitates.
+        Whether to imitate the official viewers, which truncate lattices to bytes, and round interpolated
+        features to bytes. The official viewers also clip triangles, which `sampling` "engine" imitates.
     """
 
     name = "msb-dedicated"

@@ -60,8 +60,9 @@ def diffsoup_model(asset: Asset, *, quantise: bool = False) -> DiffSoupModel:
     asset : Asset
         An asset with `compositing.kind` "binary_z_buffer" in its manifest.
     quantise : bool
-        Whether lattices of numbers are converted to bytes as in the official web export: trunc(clip(255 x,
-        0, 255)), with the product in float32 (kenji-tojo/diffsoup: examples/06_export_web.py).
+        Whether lattices of numbers are converted to bytes by the formula of the official web export, which is
+        trunc(clip(255 x, 0, 255)) with the product in float32 (kenji-tojo/diffsoup:
+        examples/06_export_web.py).
     """
     require(asset, "compositing", "kind", "binary_z_buffer")
     level = check_level(asset.manifest.appearance.get("level"), asset.path)

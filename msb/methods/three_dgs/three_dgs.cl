@@ -115,7 +115,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     real with_x = dot3(vp, ahead), with_y = dot3(vq, ahead);
     f->rise[0] = (yy * with_x - xy * with_y) * inverse;
     f->rise[1] = (xx * with_y - xy * with_x) * inverse;
-    // negative if alpha is always below 1/255
+    // the limit is negative if alpha is always below 1/255
     real level = log2_fast(greater(255.0f * opacity, (real)1e-30f));
     f->limit = -level - 1e-4f;
 
@@ -128,7 +128,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     real reach = root(greater((2.0f / LOG2E) * (level + 2e-4f), (real)0.0f));
     real reach_x = reach * root(xx) + 0.01f, reach_y = reach * root(yy) + 0.01f;
     Box box = box_of((vec2){f->x - reach_x, f->y - reach_y}, (vec2){f->x + reach_x, f->y + reach_y}, view);
-    // A Gaussian whose covariance is indefinite by rounding may be visible anywhere.
+    // If rounding makes the covariance indefinite, the Gaussian may be visible anywhere.
     mask odd = !(determinant > 0.0f);
     f->x0 = odd ? (mask)0 : box.x0;
     f->y0 = odd ? (mask)0 : box.y0;

@@ -63,7 +63,7 @@ void prefetch_colors(size_t row, const Source *source, __constant View *view)
 }
 #endif
 
-// Computes the middle and the squared half sides of the box around a disc with this squared radius.
+// Computes the middle and the squared half sides of the box around a disc with the given squared radius.
 // Returns false if the camera's plane touches the disc, because the box then does not exist.
 mask disc_box(const Faces *f, real square, vec2 *middle, vec2 *squares, real *d)
 {

@@ -32,8 +32,8 @@ fn point_seen(rows: vec3<u32>) -> vec3<f32> { return position(rows.x); }
 
 fn linear(row: vec4<f32>, v: vec3<f32>) -> f32 { return dot3(row.xyz, v); }
 
-// Computes the box around a disc with this squared radius.
-// The box does not exist if `divisor` is 0; if `divisor` is not negative, the camera's plane cuts the disc.
+// Computes the box around a disc with the given squared radius. The box does not exist if `divisor` is 0; if
+// `divisor` is not negative, the camera's plane cuts the disc.
 struct DiscBox {
     middle: vec2<f32>,
     squares: vec2<f32>, // squares of half the sides

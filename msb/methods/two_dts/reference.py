@@ -1,4 +1,6 @@
-"""2DTS: a triangle soup with a Gaussian-like falloff of global sharpness gamma, drawn by two rasterizers.
+"""2DTS: a triangle soup with a Gaussian-like falloff, drawn by two rasterizers.
+
+The sharpness gamma of the falloff is global.
 
 Sources, at 54c80f7 of GaodeRender/triangle-splatting: src/diff_recon/models/VanillaTS_model.py (activations,
 gamma rescale, threshold, up-scaling), submodules/diff-triangle-rasterization-2D and -3D: src/forward.cu,

@@ -1,4 +1,4 @@
-// 2DTS: a triangle soup with a Gaussian-like falloff of global sharpness gamma, and two rasterizers.
+// 2DTS: a triangle soup with a Gaussian-like falloff of global sharpness, and two rasterizers.
 // Sources: GaodeRender/triangle-splatting at 54c80f7: submodules/diff-triangle-rasterization-2D and -3D:
 // src/forward.cu, src/auxiliary.h.
 
@@ -23,7 +23,8 @@
 #elif PLANAR
 // corner is corner 1 in camera space, and distance is the product of corner and the normal.
 // The vector from this corner to a point of the plane gives two barycentric coordinates.
-// The product of this vector and dual2 is coordinate 2, and the product with dual3 is coordinate 3.
+// The product of this vector and dual2 is barycentric coordinate 2, and the product with dual3 is
+// barycentric coordinate 3.
 #define SHAPE(REAL) REAL corner[3], dual2[3], dual3[3], distance;
 #else
 // Corner positions in samples, the value 1 / (2 area), and the camera depths of the corners.
