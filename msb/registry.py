@@ -6,8 +6,11 @@ has a role:
 
 - ``adapter`` converts the files of a trained model to an asset (`msb.adapters.exporter.Adapter`). A method
   needs no adapter if it writes coloured meshes with a recognisable file name.
+
 - ``official`` writes the same file as the method's own exporter (`msb.adapters.official.Official`).
+
 - ``reference`` renders the method's image in NumPy (``render``, called by `msb.reference`).
+
 - ``native`` renders the same image on the dedicated tier, with OpenCL kernels (`msb.render.dedicated`).
 
 All lists of methods, tiers or settings are read from `METHODS`. Other packages can add methods with the

@@ -50,7 +50,7 @@ class Place:
     def name(self) -> str:
         """The name for an asset of the model.
 
-        This name is the name of the output folder or of the single file.
+        This is the name of the output folder, or of the single file.
         """
         if self.given.is_dir():
             return self.given.resolve().name

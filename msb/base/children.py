@@ -52,8 +52,8 @@ class Reply:
     # The two values that the function returned.
     data: Any = None
     arrays: Arrays = field(default_factory=dict)
-    # The reason why the call failed, such as the text of its exception. If the call succeeded, the text is
-    # empty.
+    # The reason why the call failed, such as the text of its exception. The reason is empty if the call
+    # succeeded.
     why: str = ""
     # The reason for the early end of a call: its time limit, its memory limit, or a crash.
     ended_by: Literal["time", "memory", "crash"] | None = None

@@ -115,7 +115,7 @@ def _missing_package(module: str) -> str:
     package = parts[0] if parts[0] != "msb" else ".".join(parts[:2])
     spec = find_spec(package)
     # After the removal of a package, its folder can still contain compiled files. Python imports a folder
-    # without an origin as an empty package.
+    # without __init__.py as an empty package, whose `origin` is None.
     return "" if spec is not None and spec.origin is not None else package
 
 

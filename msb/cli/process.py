@@ -62,8 +62,8 @@ def _run(app: typer.Typer, name: str) -> int:
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     except (BrokenPipeError, SystemExit) as error:
-        # The program that reads the pipe has ended, as in `| head`. The end of a pipe is not an error. Typer
-        # and rich would exit with status 1.
+        # The program that reads the pipe has ended, as in `| head`. A closed pipe is not an error. Typer and
+        # rich would exit with status 1.
         if not isinstance(error.__context__ if isinstance(error, SystemExit) else error, BrokenPipeError):
             raise
         silence(sys.stdout)
@@ -82,7 +82,7 @@ def _interruption(error: BaseException) -> int | None:
     """Return the exit status of the interruption that led to `error`, or None without an interruption.
 
     After an interruption, closing a file can raise another error, for example about an incomplete archive.
-    This error replaces the interruption.
+    The other error then replaces the interruption.
     """
     before = error.__context__
     while before is not None:

@@ -72,12 +72,17 @@ class Backend(Protocol):
 
     - The attribute `device_info`: a mapping with `platform`, `name` and `kind` ("cpu" or "gpu") of the
       drawing device. Renderers that do not draw on an OpenCL device need this attribute.
+
     - The class attribute `tiers`: the tiers that the class draws. The default is all tiers.
+
     - The class method `of_tier(tier)`: returns the class that draws a tier, if tiers have different classes.
+
     - The class method `missing()`: returns the name of missing software, or None. The call must be quick.
+
     - The class method `installed()`: returns the version string without starting the engine. Implement
       `installed` if `version` is known only after the first frame, because `msb run` renders images again
       when the version changes.
+
     - The method `memory_groups()`: returns the `Group` of each purpose in `memory()`. Purposes without an
       entry count as scratch memory.
     """

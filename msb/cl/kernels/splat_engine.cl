@@ -135,7 +135,8 @@ mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sa
 }
 
 #if LANES == 8
-// Returns which row pairs y, y + 1 (one per lane) contain samples in the eight columns that begin at `left`.
+// Returns a mask of the row pairs y, y + 1 (one pair per lane) with samples.
+// Only the eight columns from `left` on are tested.
 // The test uses the innermost corner of these samples, and allows for rounding.
 mask reaches(FACE_POINTER f, float left, real y)
 {

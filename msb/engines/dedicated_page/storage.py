@@ -5,9 +5,12 @@ The key `how` of the head names the encoding of the stream:
 
 - "plain": the values. If `delta` is set, integers are stored as differences between consecutive rows, modulo
   2^32.
+
 - "palette": for columns with at most 256 distinct values: 8-bit codes of all columns, then 256 values per
   column.
+
 - "rows": for at most 65,536 distinct rows: codes of the rows, then the distinct rows.
+
 - "grid": for three float32 columns: 16-bit codes, then an origin and a step for each chunk of 192 rows. The
   values are origin + code * step.
 

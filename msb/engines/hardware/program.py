@@ -3,9 +3,13 @@
 A frame of a blended method has these stages:
 
 1. project: compute the depth key of every face, and the colours of faces or vertices.
+
 2. sort: a radix sort of the visible faces by key, front to back.
+
 3. records: write the data of each face for the fragment shader (its "record"), in sorted order.
+
 4. blend: draw a quad for each record into the targets, in chunks of faces.
+
 5. resolve: average samples to pixels and add the background.
 
 A method with an opaque surface does not need a sorted order. A z-buffer frame has the stages "raster" and

@@ -238,8 +238,8 @@ Columns columns_of(FACE_POINTER f, real x, __constant View *view)
 
 #if LANES == 8
 #define ABS(x) ((x) < 0.0f ? -(x) : (x))
-// Return which row pairs y, y + 1 (one per lane) may contain a covered sample in the eight columns that begin
-// at `left`.
+// Returns a mask of the row pairs y, y + 1 (one pair per lane) that may contain a covered sample.
+// Only the eight columns from `left` on are tested.
 // At a covered sample, all three barycentric coordinates are above (1 - limit) / 3.
 // Test each coordinate at the corner of the block where the coordinate is largest.
 mask reaches(FACE_POINTER f, float left, real y)

@@ -323,7 +323,7 @@ class SplattingPipeline(OnDevice):
         """Yield bands of samples, which all use the same memory. If `whole` is true, yield one band with the
         whole raster."""
         columns, rows, scale = seen.columns, seen.rows, self._model.scale
-        # A band is a whole number of rows of tiles and of rows of pixels.
+        # A band consists of complete tile rows and complete pixel rows.
         step = math.lcm(TILE, scale) // TILE
         room = _BAND_BYTES[self._device.style]
         if self._device.style == "cpu":
