@@ -91,8 +91,8 @@ __kernel void BLEND(__constant View *view, __global const ulong *starts, __globa
     int left = column * TILE, top = (first_tile_row + band_row) * TILE;
 
 #if SHARES
-    // Without SHARES, the function `blend` computes the two values after its loop. In the loop, the values would
-    // occupy registers, and the loop would take a few percent longer.
+    // Without SHARES, the function `blend` computes the two values after its loop. In the loop, the values
+    // would occupy registers, and the loop would take a few percent longer.
     uint stride = view->columns * TILE;
     size_t plane = (size_t)stride * tile_rows * TILE;
 #endif

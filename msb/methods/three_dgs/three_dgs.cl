@@ -181,7 +181,8 @@ Columns columns_of(FACE_POINTER f, real x, __constant View *view)
 }
 
 #if LANES == 8
-// Returns a mask of the row pairs y, y + 1 (one pair per lane) with an exponent of `limit` or more in a sample.
+// Returns a mask of the row pairs y, y + 1 (one pair per lane).
+// A sample of each marked pair has an exponent of `limit` or more.
 // Only the eight columns from `left` on are tested.
 // The largest exponent of a row is at dx = -b dy / 2a, or at the nearer end of the row.
 mask reaches(FACE_POINTER f, float left, real y)
