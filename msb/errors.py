@@ -180,7 +180,7 @@ class DeviceError(MsbError):
 
 EXIT_OK = 0
 EXIT_INTERRUPTED = 130
-# For each class of errors, the exit status of the command line. The help of every command lists these exit
+# Maps each class of errors to the exit status of the command line. The help of every command lists these exit
 # statuses.
 EXIT_STATUS: dict[type[MsbError], int] = {
     GateFailed: 1,

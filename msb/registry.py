@@ -6,8 +6,11 @@ has a role:
 
 - ``adapter`` converts the files of a trained model to an asset (`msb.adapters.exporter.Adapter`). A method
   needs no adapter if it writes coloured meshes with a recognisable file name.
+
 - ``official`` writes the same file as the method's own exporter (`msb.adapters.official.Official`).
+
 - ``reference`` renders the method's image in NumPy (``render``, called by `msb.reference`).
+
 - ``native`` renders the same image on the dedicated tier, with OpenCL kernels (`msb.render.dedicated`).
 
 All lists of methods, tiers or settings are read from `METHODS`. Other packages can add methods with the
@@ -63,7 +66,7 @@ PASSES: dict[str, str] = {
 class Setting:
     """A parameter that the official code reads from a config file or a flag, not from the checkpoint.
 
-    Values are stored after activation: `sigma` is 1e-4, not its logarithm.
+    Values are stored after activation: `sigma` is 1e-4, not the logarithm of 1e-4.
     """
 
     default: SettingValue
@@ -301,7 +304,7 @@ def role(name: str, what: Role) -> Any:
     module = f"{package_of(name)}.{what}"
     if name in BUILT_IN:
         return import_module(module) if find_spec(module) else None
-    with _naming_package(name, f"its {what}: "):
+    with _naming_package(name, f"{what}: "):
         loaded = load(module) if _exists(module) else None
     return loaded and _PluginModule(loaded, name, what)
 
@@ -326,7 +329,7 @@ class _PluginModule:
 
         @wraps(member)
         def call(*args: Any, **options: Any) -> Any:
-            with _naming_package(self._method, f"its {self._what} fails: "), contain_errors():
+            with _naming_package(self._method, f"{self._what} fails: "), contain_errors():
                 return member(*args, **options)
 
         return call

@@ -132,7 +132,7 @@ def test_errors_of_a_package_name_the_package(site: Path) -> None:
     (site / "msb_facets" / "reference.py").write_text("def render(*_): 1 / 0\n")
     clear_caches()
     for tier, why in (
-        ("dedicated", "native: it cannot be loaded: SystemExit"),
+        ("dedicated", "native: the module cannot be loaded: SystemExit"),
         ("reference", "fails: ZeroDiv"),
     ):
         with pytest.raises(msb.MsbError, match=f"method facets of package msb_facets: .*{why}") as caught:

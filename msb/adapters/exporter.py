@@ -142,7 +142,7 @@ def read_model(
     values = settings if isinstance(settings, Mapping) else parse_overrides(method, settings)
     config_file = None if config is None else given_path(config)
     if config_file is not None and not is_file(config_file):
-        raise InputError("FILE_NOT_FOUND", "it does not exist", file=config_file)
+        raise InputError("FILE_NOT_FOUND", "the file does not exist", file=config_file)
     is_strict = check_values and reject == "everything"
     model = _adapter(method).read(place, content, Options(values, config_file, is_strict))
     if config_file is not None and config_file not in model.files:  # the adapter has not read this config
@@ -167,7 +167,7 @@ def _without_bad_faces(model: Model, reject: str) -> Model:
             raise CheckpointError("CHECKPOINT_NONFINITE", text, file=file, pointer=name)
     check_indices(model.buffers["indices"], len(model.buffers["positions"]), file)
     bad, names = find_bad_faces(model.buffers, model.domains)
-    # Unused vertices with non-finite positions are handled in the same way.
+    # Unused vertices with non-finite positions are also removed, with a warning.
     is_odd = find_bad_rows(model.buffers["positions"]) is not None
     if not (len(bad) and (bad.any() or is_odd)) or reject == "everything":
         return model
@@ -180,7 +180,7 @@ def _without_bad_faces(model: Model, reject: str) -> Model:
         text = f"{what}; an asset must have finite coordinates, and at least one face"
         raise CheckpointError(code, text, file=file)
     buffers = keep_faces(model.buffers, model.domains, ~bad)
-    text = f"{what}; they are left out" if count else "removed unused vertices that are not finite"
+    text = f"{what}; these faces are left out" if count else "removed unused vertices that are not finite"
     warning = finding(code, text, severity="warning", value=count)
     return replace(model, buffers=buffers, warnings=(*model.warnings, warning))
 
@@ -205,14 +205,16 @@ def _detect(content: Content) -> str:
         return method
     value = content.value
     if isinstance(value, dict):
-        what = "its keys are " + (", ".join(shorten(str(key), 30) for key in list(value)[:8]) or "none")
+        what = "the keys of the file are " + (
+            ", ".join(shorten(str(key), 30) for key in list(value)[:8]) or "none"
+        )
     elif content.ply_names:
-        what = "it is a PLY without faces, with " + ", ".join(content.ply_names[:8])
+        what = "the file is a PLY without faces, with" + ", ".join(content.ply_names[:8])
     elif content.place.kind == "torch":
-        what = f"it holds a {type(value).__name__}"
+        what = f"the file holds a {type(value).__name__}"
     else:
-        what = "its content does not match its name"
-    text = f"{what}; it is not a model of {', '.join(known)}{_describe_nearest(value, known)}"
+        what = "the content of the file does not match the file name"
+    text = f"{what}; the file is not a model of {', '.join(known)}{_describe_nearest(value, known)}"
     raise CheckpointError("CHECKPOINT_UNKNOWN", text, file=content.place.file)
 
 
@@ -257,7 +259,7 @@ def _reject_other_method(content: Content, method: str) -> None:
     if other == "mesh" and METHODS[method].reads_meshes:
         return
     if other != method:
-        text = f"it holds a {other} model, but --method is {method}"
+        text = f"the file holds a {other} model, but --method is {method}"
         raise CheckpointError("CHECKPOINT_METHOD", text, file=content.place.file)
 
 

@@ -48,7 +48,10 @@ class Place:
 
     @property
     def name(self) -> str:
-        """The name for an asset of the model. It is the name of the output folder or of the single file."""
+        """The name for an asset of the model.
+
+        This is the name of the output folder, or of the single file.
+        """
         if self.given.is_dir():
             return self.given.resolve().name
         return self.file.stem if self.root == self.file.parent else self.root.resolve().name
@@ -65,7 +68,7 @@ def locate(path: str | os.PathLike[str]) -> Place:
     """Return the place of the model in `path`. If there are several iterations, the last one is used."""
     given = given_path(path)
     if given.suffix.lower() == ASSET_SUFFIX and os.path.lexists(given):
-        text = "it is already a .triasset; use msb convert to write another format"
+        text = "the path is already a .triasset; use msb convert to write another format"
         raise CheckpointError("CHECKPOINT_NOT_RECOGNISED", text, file=given)
     file, given = _model_file(given)
     suffix = file.suffix.lower()
@@ -86,7 +89,7 @@ def _model_file(path: Path) -> tuple[Path, Path]:
         raise open_error(error, path, "file or folder") from error
     if not folder:
         if not os.path.lexists(path):
-            raise InputError("FILE_NOT_FOUND", "it does not exist", file=path)
+            raise InputError("FILE_NOT_FOUND", "the path does not exist", file=path)
         return path, path
     file = _pick(path)
     if file is None:
@@ -97,10 +100,12 @@ def _model_file(path: Path) -> tuple[Path, Path]:
         bare = [] if below else bare_models(path) or _find_named_meshes(path)
         if len(bare) == 1:
             return bare[0], path
-        text = "it is not the output folder of a known method; docs/export.md shows the folder layouts"
+        text = (
+            "the folder is not the output folder of a known method; docs/export.md shows the folder layouts"
+        )
         if several := below or bare:
             names = ", ".join(place.name for place in several[:8])
-            text = f"it contains {len(several)} checkpoints ({names}); pass one of them"
+            text = f"the folder contains {len(several)} checkpoints ({names}); pass one of them"
         raise CheckpointError("CHECKPOINT_UNKNOWN", text, file=path)
     if not file.exists():
         text = f"{file.relative_to(path)} is missing: the last iteration has no model"

@@ -69,7 +69,7 @@ class Content:
     def mapping(self, file: Path) -> Mapping[Any, Any]:
         """Return the dictionary in a file of torch."""
         if not isinstance(self.value, dict):
-            text = f"it contains a {type(self.value).__name__}; it must be a dictionary of tensors"
+            text = f"the file contains a {type(self.value).__name__}; a dictionary of tensors is needed"
             raise CheckpointError("CHECKPOINT_LAYOUT", text, file=file)
         return self.value
 
@@ -93,8 +93,10 @@ class Settings:
     def add(
         self, name: str, value: Any, source: SettingSource, file: Path | None = None, key: str | None = None
     ) -> None:
-        """Set `name` to `value`, unless the user sets `name`. `file` is the file with the stored value, and
-        `key` is its key there."""
+        """Set `name` to `value`, unless the user sets `name`.
+
+        `file` is the file with the stored value, and `key` is the key of the value in this file.
+        """
         if name in self._flags:
             return
         if not isinstance(value, bool | int | float | str | None):
@@ -175,7 +177,7 @@ def domains_of(buffers: Mapping[str, NDArray[Any]], domain: Domain) -> dict[str,
 
 
 def sh_appearance(degree: int, white: object = None) -> dict[str, Any]:
-    """Return the `appearance` of SH colours, with a background if `white` is a bool."""
+    """Return the section `appearance` of SH colours. The section has a background if `white` is a bool."""
     appearance: dict[str, Any] = {"kind": "spherical_harmonics"}
     if degree:
         appearance["f_rest_order"] = "coefficient_major"
@@ -183,6 +185,8 @@ def sh_appearance(degree: int, white: object = None) -> dict[str, Any]:
 
 
 def background_of(white: object) -> dict[str, str]:
-    """Return the key `background` for `appearance`: white or black. If `white` is not a bool, return no
-    key."""
+    """Return the entry `background` (white or black) for the section `appearance` of a manifest.
+
+    If `white` is not a bool, the result is empty.
+    """
     return {"background": "#ffffff" if white else "#000000"} if isinstance(white, bool) else {}

@@ -15,7 +15,7 @@ from msb.errors import CheckpointError, Finding, finding, shorten
 # lengths.
 Axis = int | str
 
-# For each number K of coefficients per channel, the SH degree L. The coefficient of degree 0 is not
+# Maps the number K of coefficients per channel to the SH degree L. The coefficient of degree 0 is not
 # counted: K = (L + 1)^2 - 1.
 SH_COEFFICIENTS = {0: 0, 3: 1, 8: 2, 15: 3}
 
@@ -45,7 +45,7 @@ class Tensors:
         """Return the value of `key`, of any type. The exact conversion of bfloat16 gives float32."""
         if key not in self._values:
             keys = ", ".join(shorten(str(name), 40) for name in list(self._values)[:16]) or "nothing"
-            text = f'the key "{key}" is missing; its keys: {keys}'
+            text = f'the key "{key}" is missing; the existing keys are {keys}'
             raise CheckpointError("CHECKPOINT_LAYOUT", text, file=self._file, pointer=key)
         value = self._values[key]
         return value.to_float32() if isinstance(value, BFloat16Array) else value
@@ -54,8 +54,8 @@ class Tensors:
         """Return the tensor `key` of this `shape` as float32.
 
         float16 and bfloat16 are converted exactly; float64 is rounded, with a warning. With `infinite`,
-        infinite values are allowed, which are logits of opacities 0 and 1. A letter in `shape` means an
-        equal length in all tensors.
+        values may be infinite, because opacities of 0 and 1 have infinite logits. Axes with the same letter
+        in `shape` have equal lengths in all tensors.
         """
         array = self._tensor(key, "float32", "f")
         self._check_shape(key, array.shape, shape)

@@ -11,8 +11,8 @@ from msb.errors import MsbError
 from msb.registry import role
 from msb.scenes import Camera, read_cameras
 
-# File of the 3DGS family in the output folder (graphdeco-inria/gaussian-splatting: scene/__init__.py).
-# File that `msb run` writes next to its assets.
+# The camera file that 3DGS code writes into the output folder (graphdeco-inria/gaussian-splatting:
+# scene/__init__.py). File that `msb run` writes next to its assets.
 CAMERAS = "cameras.json"
 # Maximum number of last components of the scene's path that are used to find a moved scene.
 _DEEPEST = 40

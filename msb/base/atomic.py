@@ -67,11 +67,13 @@ def new_file(
 
 @contextlib.contextmanager
 def new_files(paths: Sequence[Path], *, overwrite: bool = True) -> Iterator[Sequence[BinaryIO]]:
-    """Yield a binary file for each of `paths`. When the block ends, either all files are replaced, or no
-    file.
+    """Yield a binary file for each of `paths`.
 
-    The files are replaced in the given order. A file that refers to the other files should be the last. For a
-    single path, the function behaves like `new_file`. Among several paths, devices and pipes are errors.
+    When the block ends, either all files are replaced, or no file.
+
+    The files are replaced in the given order. A file that refers to the other files should be the last path.
+    For a single path, the function behaves like `new_file`. Among several paths, devices and pipes are
+    errors.
     """
     if len(paths) == 1:
         with new_file(paths[0], overwrite=overwrite) as file:
@@ -83,9 +85,7 @@ def new_files(paths: Sequence[Path], *, overwrite: bool = True) -> Iterator[Sequ
         for temporary, target, aside in moves:
             stack.enter_context(_output_errors(target, None))
             if is_stream(target):
-                text = (
-                    f"it is a device or pipe, but {len(targets)} files must be written; name a regular file"
-                )
+                text = f"{len(targets)} files cannot be written to a device or pipe; name a regular file"
                 raise OutputError("OUTPUT_UNWRITABLE", text, file=target)
             stack.push(partial(_after_failure, target))
             stack.callback(_remove, aside)
@@ -137,7 +137,8 @@ def new_folder(
     """Yield a new folder that replaces `path` when the block ends without an error.
 
     The old folder or file is renamed, the new folder gets its name, and the old folder is deleted. The
-    arguments `size` and `overwrite` are those of `new_file`. An empty folder is always replaced.
+    arguments `size` and `overwrite` have the same meaning as in `new_file`. An empty folder is always
+    replaced.
     """
     target = _target(path)
     temporary, aside = _temporary_name(target), _temporary_name(target)
@@ -193,7 +194,7 @@ def check_place(path: str | os.PathLike[str], *, folder: bool = False) -> None:
         if folder:
             _reject_stream(target)
         if not os.access(target, os.W_OK):
-            text = f"it cannot be written: {os.strerror(errno.EACCES)}"
+            text = f"the path cannot be written: {os.strerror(errno.EACCES)}"
             raise OutputError("OUTPUT_UNWRITABLE", text, file=target)
         return
     with _output_errors(target, None):
@@ -204,7 +205,7 @@ def check_place(path: str | os.PathLike[str], *, folder: bool = False) -> None:
         above = _above(target)
         _check_folder(target, above)
         if not os.access(above, os.W_OK | os.X_OK):
-            text = f"it cannot be written: {os.strerror(errno.EACCES)}: {above}"
+            text = f"the path cannot be written: {os.strerror(errno.EACCES)}: {above}"
             raise OutputError("OUTPUT_UNWRITABLE", text, file=target)
 
 
@@ -222,7 +223,7 @@ def folder_is_taken(path: str | os.PathLike[str]) -> bool:
 
 def _reject_folder(target: Path) -> None:
     if target.is_dir():
-        raise OutputError("OUTPUT_UNWRITABLE", "it is a folder; name a file", file=target)
+        raise OutputError("OUTPUT_UNWRITABLE", "the path is a folder; name a file", file=target)
 
 
 def is_stream(path: str | os.PathLike[str]) -> bool:
@@ -267,14 +268,14 @@ def _target(path: str | os.PathLike[str]) -> Path:
     target = Path(path)
     if target.name in ("", ".."):
         raise OutputError(
-            "OUTPUT_UNWRITABLE", "it is a folder that cannot be replaced; name a file in it", file=path
+            "OUTPUT_UNWRITABLE", "the folder cannot be replaced; name a file in this folder", file=path
         )
     try:
         possible = b"\0" not in os.fsencode(target)
     except UnicodeEncodeError:  # the name has half of a surrogate pair
         possible = False
     if not possible:
-        raise OutputError("OUTPUT_UNWRITABLE", "it is not a possible file name", file=path)
+        raise OutputError("OUTPUT_UNWRITABLE", "the path is not a possible file name", file=path)
     return target
 
 
@@ -309,7 +310,7 @@ def _direct_writer(target: Path) -> Iterator[BinaryIO]:
 
 def _reject_stream(target: Path) -> None:
     if is_stream(target):
-        text = "it is a device or pipe; name a folder"
+        text = "the path is a device or pipe; name a folder"
         raise OutputError("OUTPUT_UNWRITABLE", text, file=target)
 
 
@@ -319,7 +320,7 @@ def _reject_existing(target: Path, overwrite: bool) -> None:
 
 
 def _exists(target: Path) -> UsageError:
-    return UsageError("OUTPUT_EXISTS", f"it exists; {REPLACES}", file=target)
+    return UsageError("OUTPUT_EXISTS", f"the path exists; {REPLACES}", file=target)
 
 
 def _move_to_new(temporary: Path, target: Path) -> None:
@@ -406,9 +407,14 @@ def _above(target: Path) -> Path:
 
 
 def _check_folder(target: Path, above: Path) -> None:
-    """Reject a target below a file. The operating system reports only "File exists" in this case."""
+    """Reject an output path that lies below a file.
+
+    The operating system reports only "File exists" in this case.
+    """
     if not above.is_dir():
-        raise OutputError("OUTPUT_UNWRITABLE", f"it cannot be written: {above} is not a folder", file=target)
+        raise OutputError(
+            "OUTPUT_UNWRITABLE", f"the path cannot be written: {above} is not a folder", file=target
+        )
 
 
 @contextlib.contextmanager
@@ -419,7 +425,9 @@ def _output_errors(target: Path, size: int | None) -> Iterator[None]:
         reason = error.strerror or str(error)
         if error.errno in _NO_SPACE:
             reason += _space(target, size)
-        raise OutputError("OUTPUT_UNWRITABLE", f"it cannot be written: {reason}", file=target) from error
+        raise OutputError(
+            "OUTPUT_UNWRITABLE", f"the path cannot be written: {reason}", file=target
+        ) from error
 
 
 def _space(target: Path, size: int | None) -> str:

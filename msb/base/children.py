@@ -1,7 +1,7 @@
 """Call functions in child processes with limits of time and memory.
 
-Other libraries can hang, crash or exhaust the memory. In a child process, such a failure does not end the
-main process. Arguments and results are exchanged as files in a temporary folder.
+Other libraries can hang, crash or exhaust the memory. In a child process, a crash of a library does not end
+the main process. Arguments and results are exchanged as files in a temporary folder.
 """
 
 import contextlib
@@ -52,8 +52,8 @@ class Reply:
     # The two values that the function returned.
     data: Any = None
     arrays: Arrays = field(default_factory=dict)
-    # The reason why the call failed, such as the text of its exception. If the call succeeded, the text is
-    # empty.
+    # The reason why the call failed, such as the text of its exception. The reason is empty if the call
+    # succeeded.
     why: str = ""
     # The reason for the early end of a call: its time limit, its memory limit, or a crash.
     ended_by: Literal["time", "memory", "crash"] | None = None
@@ -96,7 +96,7 @@ def run_in_children(
                     if child.poll() is not None:
                         replies[word] = _read_reply(place, child.returncode, limits)
                     elif time.monotonic() > deadline:
-                        why = f"it timed out after {limits.seconds:g} s"
+                        why = f"the process timed out after {limits.seconds:g} s"
                         replies[word] = Reply(why=why, ended_by="time", seconds=limits.seconds)
                     else:
                         continue
@@ -165,10 +165,12 @@ def _read_reply(folder: Path, status: int, limits: Limits) -> Reply:
         with contextlib.suppress(ValueError):
             how = signal.Signals(-status).name
         lines = [line.strip() for line in printed.splitlines() if line.strip()]
-        why = f"it crashed ({how})" + (f": {shorten(lines[-1], 200)}" if lines else "")
+        why = f"the process crashed ({how})" + (f": {shorten(lines[-1], 200)}" if lines else "")
     if limits.memory is not None and _OF_MEMORY.search(f"{why}\n{printed}"):
         return Reply(
-            why=f"it needs more memory than {limits.memory:g} GiB", ended_by="memory", seconds=seconds
+            why=f"the process needs more memory than {limits.memory:g} GiB",
+            ended_by="memory",
+            seconds=seconds,
         )
     return Reply(why=why, ended_by="crash" if seconds is None else None, seconds=seconds)
 

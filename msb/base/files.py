@@ -18,7 +18,7 @@ READ_ONLY = (
 )
 # The beginning of a Git LFS pointer, and its maximum size in bytes (git-lfs: docs/spec.md).
 _BEGINNING, _MAX_POINTER = b"version https://git-lfs.github.com/spec/", 1024
-POINTER = "it is a pointer of Git LFS, not the file itself; fetch the file with git lfs pull"
+POINTER = "the file is a pointer of Git LFS, not the file itself; fetch the file with git lfs pull"
 # Number of bytes that are read and hashed at a time. Reading larger pieces is not faster.
 _CHUNK = 1 << 22
 
@@ -94,7 +94,7 @@ def _open_regular(path: Path) -> Iterator[int]:
 
 def _reject_special(status: os.stat_result, path: Path) -> None:
     if kind := special_kind(status):
-        raise InputError("FILE_UNREADABLE", f"it is {kind}; name a regular file", file=path)
+        raise InputError("FILE_UNREADABLE", f"the path is {kind}; name a regular file", file=path)
 
 
 def is_pointer(descriptor: int) -> bool:
@@ -129,14 +129,14 @@ def open_error(error: OSError | ValueError, path: object, what: str = "file") ->
     """
     if is_missing(error):
         return InputError("FILE_NOT_FOUND", f"this {what} does not exist", file=path)
-    return InputError("FILE_UNREADABLE", f"it cannot be read: {system_reason(error)}", file=path)
+    return InputError("FILE_UNREADABLE", f"the file cannot be read: {system_reason(error)}", file=path)
 
 
 def check_folder(path: Path, what: str = "folder") -> None:
     """Check that `path` is an existing folder. The message names the kind of path, `what`."""
     if not is_folder(path):
         if os.path.lexists(path):
-            raise InputError("FILE_UNREADABLE", f"it is not a {what}", file=path)
+            raise InputError("FILE_UNREADABLE", f"the path is not a {what}", file=path)
         raise InputError("FILE_NOT_FOUND", f"this {what} does not exist", file=path)
 
 
@@ -150,7 +150,7 @@ def is_missing(error: OSError | ValueError) -> bool:
 
 def system_reason(error: OSError | ValueError) -> str:
     """Return the operating system's text for an error."""
-    return getattr(error, "strerror", None) or "it cannot be opened"
+    return getattr(error, "strerror", None) or "the file cannot be opened"
 
 
 def library_reason(error: Exception) -> str:

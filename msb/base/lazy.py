@@ -49,7 +49,7 @@ def make_lazy(package: str, homes: Mapping[str, str]) -> None:
     package : str
         Full name of the package, which is ``__name__`` of the caller.
     homes : mapping
-        For each public name, the module that defines it.
+        Maps each public name to the module that defines the name.
     """
     module: Any = sys.modules[package]
     module.__class__ = _LazyPackage

@@ -9,8 +9,8 @@ def inverse(matrix: NDArray[np.floating]) -> NDArray[np.float64]:
 
     A singular matrix gives infinities or NaN, with warnings. Use this function for the few matrices that are
     needed to draw a frame. With OpenBLAS 0.3.23 (NumPy 1.26), `numpy.linalg.inv` wakes all threads even for a
-    3 x 3 matrix. The threads then wait actively for 25 ms. During this time, OpenCL kernels have only half of
-    the processor. Drawing a frame then takes twice as long.
+    3 x 3 matrix. The threads then wait actively for 25 ms. While the threads wait, OpenCL kernels have only
+    half of the processor, so drawing a frame takes twice as long.
     """
     size = len(matrix)
     rows = np.concatenate([matrix, np.eye(size)], axis=1)

@@ -20,14 +20,13 @@ class Option:
     help : str
         The effect of the option, in one or two sentences.
     flags : tuple of str
-        Names of the option on the command line. By default, the name of the field, such as
-        ``--image-folder``.
+        Names of the option on the command line. Default: the name of the field, such as ``--image-folder``.
     metavar : str, optional
         The word for the option's value in the help.
     least, most : float, optional
         The range of a number.
     count : bool
-        Whether the value is the number of times that the option is given, as in ``-vv``.
+        Whether the value counts how often the option is given, as in ``-vv``.
     output : "file", "own" or "folder", optional
         The rule for checking an output path. "file" means that `msb.cli` checks that the file is new, or
         that ``--force`` is given. "own" means that the command checks the path. "folder" means that the

@@ -27,13 +27,13 @@ _TINY = 1e-30
 _FARTHEST = 1e15
 # Number of evenly spread vertices from which size and middle are computed.
 _SAMPLES = 200_000
-# Share of vertices to ignore as outliers at each end of an axis, such as a stray vertex at zero. The rule
-# applies to at least this number of vertices.
+# Share of vertices to ignore as outliers at each end of an axis, such as a stray vertex at zero. Outliers are
+# ignored only if the mesh has at least this number of vertices.
 _OUTLIERS, _MANY = 0.01, 16
 
 
 def find_origin(vertices: NDArray[Any]) -> Origin:
-    """Return the origin of positions `vertices` (V, 3), which is zero if they do not need one.
+    """Return the origin of positions `vertices` (V, 3), or zero if the positions do not need an origin.
 
     float32 positions never need an origin, because they are exact. The origin is near the middle of the mesh.
     The origin is a multiple of a power of two, because differences to such an origin are usually exact.
@@ -51,7 +51,7 @@ def find_origin(vertices: NDArray[Any]) -> Origin:
     with np.errstate(over="ignore"):
         sizes, middle = high - low, low + (high - low) / 2
     size = float(sizes.max())
-    # Points on a line along an axis are not a surface.
+    # Vertices on a line along an axis are not a surface, so the mesh gets no origin.
     if np.count_nonzero(sizes > _TINY) < 2 or not _FAR * size <= np.abs(middle).max() <= _FARTHEST:
         return NO_ORIGIN
     step = 2.0 ** np.ceil(np.log2(size / _STEPS))

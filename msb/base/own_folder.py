@@ -31,9 +31,9 @@ def check_own_folder(folder: Path) -> None:
     """
     check_place(folder, folder=True)
     if os.path.lexists(folder) and not folder.is_dir():
-        raise UsageError("OUTPUT_EXISTS", "it is a file; name a folder", file=folder)
+        raise UsageError("OUTPUT_EXISTS", "the path is a file; name a folder", file=folder)
     if folder.is_dir() and any(folder.iterdir()) and listed_files(folder) is None:
-        text = f"it contains files, but not the {LIST} of an earlier run; name another folder"
+        text = f"the folder contains files, but not the {LIST} of an earlier run; name another folder"
         raise UsageError("OUTPUT_EXISTS", text, file=folder)
 
 

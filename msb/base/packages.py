@@ -56,9 +56,9 @@ def find_installed(
             if entry.name in ours:
                 raise PackageError(f"the name belongs to {first}, which is part of msb")
             if pattern is not None and not re.match(pattern, entry.name):
-                raise PackageError(f"its name must match {pattern}")
+                raise PackageError(f"the name must match {pattern}")
             if first is not None:
-                text = f"{first} has the same name and comes first in the alphabet; uninstall one of them"
+                text = f"{first} has the same name and comes first in the alphabet; uninstall one package"
                 raise PackageError(text)
             plugins[entry.name] = accept(entry.name, entry.value), entry.value
         except PackageError as error:
@@ -82,7 +82,7 @@ def _own_entries(package: Distribution, kind: str, group: str) -> Iterator[Entry
         with contextlib.suppress(Exception):
             if f"[{group}]" in (package.read_text("entry_points.txt") or ""):
                 text = f"{_plural(kind)} of package {package.name} are ignored"
-                text += ": its entry_points.txt cannot be read"
+                text += ": the file entry_points.txt cannot be read"
                 warn(f"PACKAGE_LEFT_OUT: {text}: {shorten(str(error), 200)}")
 
 
@@ -104,14 +104,14 @@ def load(value: str) -> Any:
     """Import and return the object of an entry point, whose value is "module" or "module:attribute"."""
     module, _, attribute = (part.strip() for part in value.partition(":"))
     if not module:
-        raise PackageError("its entry point does not name a module")
+        raise PackageError("the entry point does not name a module")
     try:
         with contain_errors():
             loaded: Any = import_module(module)
             for part in filter(None, attribute.split(".")):
                 loaded = getattr(loaded, part)
     except (PackageError, MsbError) as error:
-        raise PackageError(f"it cannot be loaded: {error}") from error
+        raise PackageError(f"the module cannot be loaded: {error}") from error
     return loaded
 
 

@@ -85,6 +85,6 @@ class SpelledFiles:
         alike = self._listed[folder].get(normal_form(name), [name])
         if len(alike) > 1:
             name = shorten(alike[0], 60)
-            text = f"it contains {len(alike)} files named {name} in different Unicode normal forms; keep one"
+            text = f"the folder contains {len(alike)} files named {name} in different Unicode forms; keep one"
             raise InputError("FILE_UNREADABLE", text, file=folder)
         return alike[0]

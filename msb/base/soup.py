@@ -20,7 +20,8 @@ def is_soup(faces: NDArray[Any]) -> bool:
 def is_unindexed(faces: NDArray[Any], vertex_count: int) -> bool:
     """Return whether each vertex is used by exactly one face corner.
 
-    Such a mesh is a triangle soup without unused vertices and without faces that list a vertex twice.
+    A mesh with this property is a triangle soup without unused vertices and without faces that list a vertex
+    twice.
     """
     corners = faces.reshape(-1)
     return len(corners) == vertex_count and bool((np.bincount(corners) == 1).all())

@@ -19,7 +19,7 @@ from msb.errors import DeviceError
 
 Shape = int | tuple[int, ...]
 
-# The group of temporary results, the default.
+# The default group, for temporary results.
 SCRATCH = "scratch"
 # Minimum alignment, in bytes, of a host array that is shared instead of copied: one cache line. Kernels use
 # types of at most 32 bytes (float8), because 64-byte types crash in the PoCL wheel.
@@ -205,7 +205,7 @@ class Memory:
         return bytes_by_use(self._allocations)
 
     def groups(self) -> dict[str, str]:
-        """Return the group of each purpose, for the same purposes as `by_use`."""
+        """Return the report group of each purpose in `by_use`."""
         return {block.use: block.group for block in list(self._allocations) if block.handle is not None}
 
     def allocate(self, shape: Shape, dtype: DTypeLike, use: str, group: str = SCRATCH) -> Buffer:
@@ -243,7 +243,7 @@ class Memory:
         """Return the pool buffer `name` as an array of this shape, with undefined content.
 
         Calls with the same name return the same memory if it is large enough. A pool buffer that is too small
-        is freed and allocated again. Buffers returned earlier under its name become invalid.
+        is freed and allocated again. Buffers returned earlier under the same name become invalid.
         """
         nbytes = _count_bytes(shape, dtype)
         pooled = self._pool.get(name)

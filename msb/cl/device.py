@@ -20,9 +20,9 @@ from msb.cl.timing import Timing
 class Device:
     """An OpenCL device with one in-order queue.
 
-    `open_device` opens it; `close` or the end of a ``with`` block closes it. Threads may share a device.
-    Commands are thread-safe. Put commands that belong together into a `using` or `timing` block. Other
-    threads wait until the ``with`` block ends. `style` selects the kernels. The style of the kernels:
+    `open_device` opens a device; `close` or the end of a ``with`` block closes the device. Threads may share
+    a device. Commands are thread-safe. Put commands that belong together into a `using` or `timing` block.
+    Other threads wait until the ``with`` block ends. `style` selects the kernels. The style of the kernels:
     `record.style` unless the caller chose another style.
     """
 

@@ -20,7 +20,7 @@ KINDS = ("cpu", "gpu")
 
 
 class Choice(NamedTuple):
-    """The chosen device, and where its selector came from."""
+    """The chosen device and the origin of its selector."""
 
     record: DeviceRecord
     selector: str | None
@@ -29,7 +29,7 @@ class Choice(NamedTuple):
 
 
 class Tried(NamedTuple):
-    """A device with the result of its trial. The trial builds and runs a small kernel."""
+    """A device and the result of its trial. The trial builds and runs a small kernel."""
 
     record: DeviceRecord
     trial: Trial
@@ -59,9 +59,9 @@ def choose_device(selector: str | None = None) -> Choice:
 def open_device(selector: str | None = None, *, style: Style | None = None) -> Device:
     """Open the device named by `selector`. The default is MSB_DEVICE, then PYOPENCL_CTX, then PoCL.
 
-    If several devices match, the first that builds kernels is opened (`msb.cl.trial`). PoCL keeps about 1
-    MB of memory for each program even after the device is closed. Use `shared_device` to avoid opening
-    several devices.
+    If several devices match, the first device that builds kernels is opened (`msb.cl.trial`). PoCL keeps
+    about 1 MB of memory for each program even after the device is closed. Use `shared_device` to avoid
+    opening several devices.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def open_device(selector: str | None = None, *, style: Style | None = None) -> D
         its name (``pocl``, ``intel``, ``nvidia``). INDEX is the number of a device on the platform, counted
         from 0. Without a selector, CPUs are preferred to GPUs, and PoCL to other CPU platforms.
     style : "cpu" | "gpu", optional
-        The style of kernels, whatever the device is; for tests.
+        The kernel style, independent of the device; only for tests.
 
     Raises
     ------
@@ -110,7 +110,7 @@ _shared: dict[tuple[int, Style | None], tuple[Device, int]] = {}
 
 
 def find_devices(cl: Any) -> list[tuple[DeviceRecord, Any]]:
-    """Return the record and the pyopencl device of every device."""
+    """Return the description and the pyopencl object of every device."""
     try:
         platforms = cl.get_platforms()
     except cl.Error:  # PLATFORM_NOT_FOUND_KHR means that no platform is installed

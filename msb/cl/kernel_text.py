@@ -50,8 +50,10 @@ def _format_literal(value: Define) -> str:
 
 @functools.cache
 def kernels_hash(packages: tuple[str, ...]) -> str:
-    """Return the SHA-256 of the names and texts of all kernel files in `OWN` and `packages`. Files are sorted
-    by name."""
+    """Return the SHA-256 hash of all kernel files in `OWN` and `packages`, from their names and texts.
+
+    Files are sorted by name.
+    """
     digest = hashlib.sha256()
     folders = dict.fromkeys((OWN, *packages))
     files = [
@@ -74,7 +76,10 @@ def resolve(package: str, name: str) -> str:
 
 
 def place_of(text: str, number: int) -> tuple[str, int] | None:
-    """Return the original file and line of line `number` in a resolved text. Lines count from 1."""
+    """Return the original file name and line number for line `number` of a resolved text.
+
+    Lines count from 1.
+    """
     source = None
     for line in text.splitlines()[:number]:
         directive = _LINE.match(line)

@@ -5,9 +5,9 @@ loader of the pyopencl wheel reads the ``*.icd`` files of the system and of its 
 installs its ``*.icd`` file in the folder of the pyopencl loader (`inducer/pyopencl`:
 scripts/build-wheels.sh). In two cases an installed platform has no valid ``*.icd`` file. NVIDIA drivers in
 containers have no ``*.icd`` file. The ``*.icd`` files of the Intel CPU runtime from PyPI name a missing
-folder. For each such installation, this module writes a valid ``*.icd`` file into a temporary folder. The
-folder also has the ``*.icd`` files of the system. OCL_ICD_VENDORS names the temporary folder while the loader
-starts.
+folder. For each installation without a valid file, this module writes an ``*.icd`` file into a temporary
+folder. The folder also has the ``*.icd`` files of the system. OCL_ICD_VENDORS names the temporary folder
+while the loader starts.
 """
 
 import contextlib
@@ -133,7 +133,9 @@ def _start(cl: Any, early: bool) -> None:
                 _platforms.append(candidate.name.strip())
                 candidate.get_devices()  # PoCL reads the environment during this call
     if INTEL_PACKAGE in registered and not any("Intel" in name for name in _platforms):
-        cause = "pyopencl was loaded before msb.cl" if early else "its library cannot be loaded"
+        cause = (
+            "pyopencl was loaded before msb.cl" if early else "the library of the platform cannot be loaded"
+        )
         _notes.append(f"{INTEL_PACKAGE} is installed, but its platform is missing: {cause}")
 
 
@@ -149,9 +151,7 @@ def _find_missing_entries() -> dict[str, str]:
     if intel and INTEL_LIBRARY not in known:
         missing = _preload(intel.parent)
         if user:
-            _notes.append(
-                f"{VENDOR_VARIABLE} names a folder; {INTEL_PACKAGE} is found only if this folder lists it"
-            )
+            _notes.append(f"{INTEL_PACKAGE} needs an *.icd file in the folder that {VENDOR_VARIABLE} names")
         elif missing:
             _notes.append(f"{INTEL_PACKAGE} requires {missing}: {install('intel')}")
         else:

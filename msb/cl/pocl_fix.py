@@ -89,9 +89,7 @@ def compiler_cpu(device: Any) -> str | None:
 
 
 def can_apply(device: Any) -> bool:
-    """Return whether the PoCL wheel does not know this processor, and this processor is compatible with
-    `NAME`.
-    """
+    """Return true if this processor is unknown to the PoCL wheel but compatible with `NAME`."""
     if obstacle() or compiler_cpu(device) != UNKNOWN.decode():
         return False
     words = _read(device.int_ptr, _STRUCTURE)

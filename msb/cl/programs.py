@@ -1,4 +1,7 @@
-"""Build a kernel file into Python functions. The functions check their arguments and return an event."""
+"""Build a kernel file, and call its kernels as Python functions.
+
+The functions check their arguments and return an event.
+"""
 
 from __future__ import annotations
 
@@ -183,9 +186,12 @@ def build_options(record: DeviceRecord) -> tuple[str, ...]:
     """Return the compiler options for every build. Only this function decides the build options.
 
     - No -cl-std, because the default of all platforms is OpenCL C 1.2.
+
     - No fast-math options, because results would differ between devices.
+
     - Kernels state whether a * b + c may be fused, with ``#pragma OPENCL FP_CONTRACT OFF`` if rounding
       matters (OpenCL C 1.2 specification, section 6.12.4); otherwise the default, ON, applies.
+
     - Division and square root are correctly rounded if the device supports it.
     """
     options = ["-cl-kernel-arg-info"]
@@ -239,7 +245,7 @@ def _build_error(
 
 
 def _find_first_complaint(log: str) -> str:
-    """Return the first error in the log, otherwise the first line of the log."""
+    """Return the first error in the log, or the first line of a log without errors."""
     lines = [line.strip() for line in log.splitlines() if line.strip()]
     errors = (match["text"] for match in map(_COMPLAINT.match, lines) if match)
     others = (line for line in lines if not _WRAPPING.search(line))

@@ -29,7 +29,7 @@ class Queue:
         self.timing: Timing | None = None
         self.allocations: weakref.WeakSet[Allocation] = weakref.WeakSet()
         # Whether a command failed for another reason than a lack of memory. Some platforms reject all
-        # commands after such a failure.
+        # commands after a failed command.
         self.failed = False
         self._queue: Any = None
         try:

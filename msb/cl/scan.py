@@ -34,10 +34,10 @@ def exclusive_scan(device: Device, values: Buffer, offsets: Buffer, count: int |
     device : Device
     values : Buffer of uint32
     offsets : Buffer of uint32 or uint64
-        At least count + 1 elements. Sums wrap modulo 2^32 or 2^64. A uint32 `offsets` buffer may share the
-        memory of `values`.
+        The buffer has at least count + 1 elements. Sums wrap modulo 2^32 or 2^64. A uint32 `offsets` buffer
+        may share the memory of `values`.
     count : int, optional
-        Number of elements, at most 2^31; by default all of `values`.
+        Number of elements, at most 2^31. Default: all elements of `values`.
 
     Raises
     ------

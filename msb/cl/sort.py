@@ -52,9 +52,9 @@ def sort_pairs(
         The values to sort with the keys; by default 0, 1, 2 ..., so that the sorted values are the
         permutation.
     count : int, optional
-        Number of leading elements to sort, at most 2^31; by default all.
+        Number of leading elements to sort, at most 2^31. Default: all elements.
     bits : int, optional
-        Sort by the lowest `bits` bits of a key; by default by all. With fewer bits the sort needs fewer
+        Sort by the lowest `bits` bits of a key. Default: all bits. With fewer bits the sort needs fewer
         passes over the data.
     name : str
         Name of the returned buffers. The returned buffers belong to the pool and stay valid until the next

@@ -45,11 +45,11 @@ class Timing:
         return total
 
     def span(self) -> float:
-        """Return the milliseconds from the start of the first command to the end of the last one."""
+        """Return the milliseconds from the start of the first command to the end of the last command."""
         return self._measure_until_end(min((start for start, _ in self._intervals), default=0))
 
     def since_queued(self) -> float:
-        """Return the milliseconds from queueing the first command to the end of the last one.
+        """Return the milliseconds from queueing the first command to the end of the last command.
 
         The result includes compilation at a first launch, and any delay before the device starts.
         """

@@ -32,7 +32,7 @@ from msb.cl.records import DeviceRecord
 from msb.errors import DeviceError, OutputError, one_line, shorten
 
 # Time limit of a device trial in seconds, including the start of the compiler. A typical device trial takes
-# 12 seconds; on a busy machine it takes longer.
+# 12 seconds, or longer on a busy machine.
 _SECONDS = 120.0
 # Number of work-items in the trial kernel.
 _COUNT = 64
@@ -120,7 +120,8 @@ def _find_failure(record: DeviceRecord, *, mended: bool) -> tuple[str | None, bo
 def run_trial(word: str, arrays: Arrays) -> tuple[str | None, Arrays]:
     """Build and run trial.cl in a child process. Return the reason why the device does not work, or None.
 
-    `word` names the device, and tells whether to repair its compiler first. `arrays` is empty.
+    The argument `word` names the device, and states whether to repair the device's compiler first. `arrays`
+    is empty.
     """
     os.environ["POCL_KERNEL_CACHE"] = "0"  # a cached kernel would hide compiler failures
     from msb.cl.devices import find_devices
@@ -171,7 +172,7 @@ def _compute_key(handle: Any, record: DeviceRecord) -> str:
 
 @cache
 def _describe_processor() -> str:
-    """Return the properties of the processor that distinguish it from others."""
+    """Return the properties that distinguish this processor from other processors."""
     with contextlib.suppress(OSError):
         first = Path("/proc/cpuinfo").read_text("utf-8", "replace").partition("\n\n")[0]
         names = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags", "Features")

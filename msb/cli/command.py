@@ -145,8 +145,8 @@ class Command(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the words. Reject empty words, which can come from an unset shell variable."""
-        # Some commands pass their words to another program, which may accept empty words. Only commands
-        # without interspersed options do this.
+        # Some commands pass their words to another program, which may accept empty words. Only commands with
+        # `allow_interspersed_args` set to false pass their words on.
         checks = ctx.allow_interspersed_args and not ctx.resilient_parsing
         if checks and any(_EMPTY.fullmatch(word) for word in args):
             ctx.fail("an argument or the value of an option is empty; use . for the current folder")

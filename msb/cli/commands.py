@@ -37,11 +37,9 @@ BUILT_IN: dict[str, dict[str, Entry]] = {
         "export": Entry("msb.adapters.command", "Convert a trained checkpoint to an asset, without PyTorch."),
         "convert": Entry("msb.delivery.command", "Write an asset or mesh in another format."),
         "bake": Entry("msb.bake.command", "Make an ordinary mesh that looks like the model."),
+        "lod": Entry("msb.lod.command", "Make levels of detail and collision; the texture stays."),
         "score": Entry("msb.score.command", "State how near an asset is to photographs, with a certificate."),
-        "lod": Entry(
-            "msb.lod.command", "Make levels of detail and collision for a mesh, which keeps its texture."
-        ),
-        "why": Entry("msb.why.command", "Explain why an export looks worse than the rendering, in dB."),
+        "why": Entry("msb.why.command", "Explain the quality loss of an export, cause by cause, in dB."),
         "methods": Entry(
             "msb.report.commands.methods", "List the methods, and their features on each renderer tier."
         ),
@@ -119,7 +117,7 @@ def _missing_package(module: str) -> str:
     package = parts[0] if parts[0] != "msb" else ".".join(parts[:2])
     spec = find_spec(package)
     # After the removal of a package, its folder can still contain compiled files. Python imports a folder
-    # without an origin as an empty package.
+    # without __init__.py as an empty package, whose `origin` is None.
     return "" if spec is not None and spec.origin is not None else package
 
 

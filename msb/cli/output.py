@@ -332,7 +332,9 @@ class Output:
             self._checked[place] = label
 
     def check_folder(self, folder: Path, *, replace: bool | None = None) -> None:
-        """Check a folder that `msb.base.own_folder` will write; the default of `replace` is --force.
+        """Check a folder that `msb.base.own_folder` will write.
+
+        The default of `replace` is the option --force.
 
         The folder must be new or empty. With `replace`, the folder may contain files of an earlier run,
         unless one of these files is an input.

@@ -62,8 +62,8 @@ def _run(app: typer.Typer, name: str) -> int:
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     except (BrokenPipeError, SystemExit) as error:
-        # The program that reads the pipe has ended, as in `| head`. The end of a pipe is not an error. Typer
-        # and rich would exit with status 1.
+        # The program that reads the pipe has ended, as in `| head`. A closed pipe is not an error. Typer and
+        # rich would exit with status 1.
         if not isinstance(error.__context__ if isinstance(error, SystemExit) else error, BrokenPipeError):
             raise
         silence(sys.stdout)
@@ -82,7 +82,7 @@ def _interruption(error: BaseException) -> int | None:
     """Return the exit status of the interruption that led to `error`, or None without an interruption.
 
     After an interruption, closing a file can raise another error, for example about an incomplete archive.
-    This error replaces the interruption.
+    The other error then replaces the interruption.
     """
     before = error.__context__
     while before is not None:
@@ -121,7 +121,7 @@ def _ending_on_signals() -> Iterator[None]:
 def _open_closed_streams() -> None:
     """Open the null device for closed standard streams.
 
-    Otherwise the next opened file would become a standard stream.
+    Without this step, the next opened file would become a standard stream.
     """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
@@ -131,13 +131,12 @@ def _open_closed_streams() -> None:
 def _output_error(error: Exception) -> OutputError | None:
     """Return the error to report if writing to standard output raised `error`, otherwise None.
 
-    The function ignores errors of other files. An error of opening a file contains a file name, and
-    `msb.base.atomic` raises errors of msb.
+    The function ignores errors of other files: such errors contain a file name, or are errors of msb.
     """
     if not isinstance(error, OSError) or error.filename is not None or error.errno not in DISK_ERRORS:
         return None
     silence(sys.stdout)  # writing the stream's buffer would fail again
-    text = f"it cannot be written: {error.strerror}"
+    text = f"the output cannot be written: {error.strerror}"
     return OutputError("OUTPUT_UNWRITABLE", text, file="standard output or a temporary file")
 
 
@@ -150,13 +149,13 @@ def _as_msb_error(error: Exception, name: str) -> MsbError | None:
     if isinstance(error, MsbError):
         return error
     if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] in _OURS:
-        text = f"this needs {error.name}, which is not part of this installation"
+        text = f"this command needs {error.name}, which is not part of this installation"
         return UsageError("EXTRA_MISSING", text)
     if hasattr(error, "format_message"):  # usage errors that typer raises
         return UsageError("USAGE", _usage_text(error, name))
     if isinstance(error, OSError) and error.filename is not None and error.errno in _NOT_READABLE:
-        # For example, Path.exists can raise this error for an input path. Errors of outputs have another
-        # class.
+        # For example, Path.exists can raise this error for an input path. Errors of outputs are instances of
+        # MsbError.
         from msb.base.files import open_error
 
         return open_error(error, error.filename)

@@ -23,7 +23,7 @@ class ProgressLines:
         self._lock = threading.Lock()
 
     def write_first(self, state: str) -> None:
-        """Write `state` unless a line was written already. The log then soon shows that the command works."""
+        """Write `state` unless a line was written already. The log then soon shows that the command runs."""
         with self._lock:
             if not self._wrote:
                 self._put(state)

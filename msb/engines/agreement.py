@@ -19,7 +19,6 @@ from msb.render.frame import Frame, interior
 class Agreement:
     """The differences between the images of another renderer and our images.
 
-    A level is a step of an 8-bit channel, 1/255.
 
     Attributes
     ----------
@@ -30,14 +29,14 @@ class Agreement:
     psnr : float
         The PSNR in decibels of the images clamped to [0, 1]; infinite if the images are equal.
     covered_alike : float
-        Share of pixels with a face in both images or in neither.
+        Share of pixels where both images show a face, or both images show the background.
     interior : int
         Number of interior pixels: our image shows the same face in the whole 3 x 3 neighbourhood of the
         pixel.
     interior_within_a_level : float
-        Share of the interior pixels within one level; 1 without interior pixels.
+        Share of interior pixels that differ by at most one level. The value is 1 if no pixel is interior.
     interior_p999, interior_max : float
-        99.9th percentile and maximum of the differences of the interior pixels, in levels.
+        99.9th percentile and maximum of the interior pixels' differences, in levels of 1/255.
     """
 
     pixels: int
@@ -57,7 +56,7 @@ def agreement(theirs: Sequence[Frame], ours: Sequence[Frame]) -> Agreement:
     for frame, reference in zip(theirs, ours, strict=True):
         assert reference.face_id is not None
         a, b = (np.clip(image.astype(np.float64), 0, 1) for image in (frame.image, reference.image))
-        # The largest difference of the three channels, in levels: (H W,).
+        # Largest channel difference of each pixel, in levels: (H W,).
         levels.append(np.abs(np.round(255 * a) - np.round(255 * b)).max(axis=2).reshape(-1))
         squares.append(((a - b) ** 2).reshape(-1))
         alike.append(((frame.alpha > 0) == (reference.alpha > 0)).reshape(-1))

@@ -31,14 +31,14 @@ from msb.scenes.colors import Color
 # The environment variable with the path of a Python interpreter that has bpy. The variable is only needed if
 # the Python interpreter of msb has no bpy.
 VARIABLE = "MSB_BLENDER"
-# Limits of Blender: smallest and largest side of an image in pixels, and largest pixel aspect ratio.
+# Blender's limits: the smallest and largest image side in pixels, and the largest pixel aspect ratio.
 _MIN_SIDE, _MAX_SIDE, _MAX_ASPECT = 4, 65536, 200.0
 # Width of the camera sensor in millimetres. Images depend only on the ratio of the sensor width to the focal
 # length. A wide sensor keeps the focal length above 1 mm, the minimum in Blender.
 _SENSOR = 100.0
 # Rotation from Blender's camera axes (x right, y up, looking along -z) to OpenCV's camera axes.
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
-# The rotation from y up to z up that Blender's glTF importer applies to a model.
+# Blender's glTF importer applies this rotation, from y up to z up, to a model.
 _GLB_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
 # Maximum time of a request in seconds. Blender is stopped when a request takes longer. Cycles takes minutes
 # to render large meshes.
@@ -56,9 +56,8 @@ class _Blender(Engine):
         The file format of the mesh. Blender's PLY importer keeps float colours, but its glTF importer rounds
         colours to bytes. Meshes with textures are always passed as GLB.
     defaults : bool
-        Keep Blender's default colour management instead of the settings for exact colours, to show the effect
-        of these settings. With the default colour management, images are read from the 8-bit PNG that Blender
-        writes.
+        Keep Blender's default colour management, to show the effect of the settings for exact colours. With
+        the default colour management, images are read from the 8-bit PNG that Blender writes.
     """
 
     engine: ClassVar[str]
@@ -191,7 +190,7 @@ class _Blender(Engine):
         return {WALL_CLOCK: float(self._ask({**request, "clip": clip, **target})["ms"])}
 
     def _ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Send a request to the worker and return the answer; raise ENGINE_FAILED without an answer."""
+        """Send a request to the worker and return the answer. Raise ENGINE_FAILED if no answer arrives."""
         process = self._process
         assert process.stdin is not None
         assert process.stdout is not None
@@ -219,7 +218,7 @@ class _Blender(Engine):
             self._process.wait(timeout=10)
         self._log.seek(0)
         lines = [line.strip() for line in self._log.read().decode("utf-8", "replace").splitlines()]
-        last = next((line for line in reversed(lines) if line), "its log is empty")
+        last = next((line for line in reversed(lines) if line), "the log of Blender is empty")
         return f"{shorten(last, 200)} (status {self._process.returncode})"
 
 
@@ -300,7 +299,10 @@ def _python() -> str | None:
 
 
 def _read_exr(path: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return colours (H, W, 4) and depths (H, W) from Blender's EXR file; depth is 0 without a face."""
+    """Return colours (H, W, 4) and depths (H, W) from Blender's EXR file.
+
+    Pixels without a face have depth 0.
+    """
     import OpenEXR
 
     with OpenEXR.File(str(path), separate_channels=True) as file:
@@ -312,7 +314,7 @@ def _read_exr(path: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
 
 
 def _read_png(path: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return colours (H, W, 4) from Blender's PNG file, and depths (H, W) of 0."""
+    """Return the colours (H, W, 4) in Blender's PNG file, and depths (H, W) that are all 0."""
     from PIL import Image
 
     with Image.open(path) as image:

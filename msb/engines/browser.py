@@ -59,7 +59,7 @@ _FLAGS = (
     # This flag lets the page close its window when our server ends. Closing the window ends the browser.
     "--blink-settings=allowScriptsToCloseWindows=true",
 )
-# Flags for WebGL in software, for WebGL on a GPU if possible, for WebGPU, and for WebGPU in software.
+# Browser flags for four cases: software WebGL, WebGL on a GPU if possible, WebGPU, and software WebGPU.
 _SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 _ANY = ("--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
 _WEBGPU = ("--enable-unsafe-webgpu",)
@@ -94,7 +94,7 @@ class Answer(NamedTuple):
 
 
 def find_browser() -> str | None:
-    """Return the path of the browser in MSB_BROWSER, else of Chromium, Chrome or Edge, or None."""
+    """Return the path in MSB_BROWSER, or the path of an installed browser, or None."""
     named = os.environ.get(VARIABLE)
     if named:
         return shutil.which(named)
@@ -155,7 +155,7 @@ class Page:
         if webgpu:
             command += [*_WEBGPU, *(_WEBGPU_SOFTWARE if software else ())]
         if hasattr(os, "geteuid") and os.geteuid() == 0:
-            command.append("--no-sandbox")  # as root, Chromium does not start with its sandbox
+            command.append("--no-sandbox")  # Chromium cannot use its sandbox when it runs as root
         command += [f"--user-data-dir={self._folder.name}/profile", address]
         try:
             self._process = subprocess.Popen(
@@ -209,7 +209,9 @@ class Page:
         self._log.flush()
         self._log.seek(0)
         lines = [line.strip() for line in self._log.read().decode("utf-8", "replace").splitlines()]
-        return shorten(next((line for line in reversed(lines) if line), "its log is empty"), 200)
+        return shorten(
+            next((line for line in reversed(lines) if line), "the log of the browser is empty"), 200
+        )
 
 
 def _end(

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 TEST_VIEWS = 4
 # Largest width or height in pixels of a test view that we render; larger cameras are scaled down.
 TEST_SIDE = 640
-# Number of evenly spread cameras over which --faces sums the contribution of each face.
+# --faces sums the contribution of each face over this number of evenly spread cameras.
 WEIGHING_VIEWS = 16
 # File endings of the images of --renders.
 _IMAGE_ENDINGS = (".png", ".npy")
@@ -84,7 +84,7 @@ class WebOptions:
 
 
 class PageContent(NamedTuple):
-    """The asset of a page, the options to show it, and the mesh that was baked from it.
+    """The asset of a page, its display options, and its baked mesh.
 
     Meshes and cameras are relative to the origin of the asset.
     """
@@ -326,7 +326,7 @@ def _as_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _measure_baked(content: PageContent, baked: Asset, tests: Sequence[CheckView]) -> BakedMesh:
-    """Return the baked mesh with its average PSNR, and with the average PSNR of the standard-tier mesh."""
+    """Return the baked mesh, its average PSNR, and the average PSNR of the standard-tier mesh."""
     from msb.asset.tiers import why_not
     from msb.engines.dedicated_page.page import BakedMesh
     from msb.engines.engine import engine_mesh
@@ -365,9 +365,9 @@ def _reduce(
     tests: Sequence[CheckView],
     output: Output,
 ) -> tuple[Asset, list[Cost]]:
-    """Return the asset after --faces and --quantise, and the loss of quality of each step.
+    """Apply --faces and --quantise. Return the reduced asset and the quality loss of each step.
 
-    `cameras` determine the contribution of each face; `tests` are the views for measuring the losses.
+    The cameras in `cameras` determine the contribution of each face. The views in `tests` measure the losses.
     """
     import numpy as np
 

@@ -23,14 +23,14 @@ from msb.render.standard.supersampling import box_filter, check_supersample, enl
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
-# Distance of the near plane, in units of the camera. The standard tier has no far plane.
+# Distance of the near plane, in scene units. The standard tier has no far plane.
 NEAR = 0.01
 # Stage name of a frame whose time is measured with the wall clock.
 WALL_CLOCK = "draw (wall clock)"
 # Stage name of a frame whose time is measured by the device.
 DRAW = "draw"
 
-# The group in memory reports for each use of device memory.
+# Maps each use of device memory to its group in memory reports.
 _GROUPS = {
     **dict.fromkeys(("positions", "indices"), "geometry"),
     **dict.fromkeys(("vertex colors", "texture coordinates", "tints"), "appearance"),
@@ -90,7 +90,7 @@ class Engine(ABC):
         """Return the bytes of device memory for each use."""
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return the group in memory reports for each use."""
+        """Return the report group of each memory use."""
         return _GROUPS
 
     @abstractmethod
@@ -153,7 +153,7 @@ class EngineMesh:
     # Vertex colours (V, 3), uint8, or float32 in [0, 1]. With textures, vertex colours (V, 4) have an alpha
     # channel and are multiplied with the texture in linear light.
     colors: NDArray[Any]
-    # Number of each face in the asset; None if the numbers are 0, 1, 2, ...
+    # Index of each face in the asset; None if the indices are 0, 1, 2, ...
     numbers: NDArray[np.uint32] | None
     textured: Textured | None = None
 

@@ -22,14 +22,14 @@ class ThreeJsRenderer(Engine):
 
     With `device` "cpu", SwiftShader draws in software. With "gpu", a graphics card draws. Colours and depths
     are read from float32 render targets, so they are not rounded. Frames have no face ids, because WebGL has
-    no primitive numbers. If the browser supports timer queries, the device measures times. Without timer
-    queries, the wall clock measures times, in the stage `WALL_CLOCK`.
+    no primitive numbers. If the browser supports timer queries, the device measures times. If the browser has
+    no timer queries, the wall clock measures times in the stage `WALL_CLOCK`.
 
     Parameters
     ----------
     defaults : bool
-        Keep the default colour management of three.js instead of the settings for exact colours, to show the
-        effect of these settings. With the default colour management, images are read from the 8-bit canvas.
+        Keep the default colour management of three.js, to show the effect of the settings for exact colours.
+        With the default colour management, images are read from the 8-bit canvas.
     """
 
     name = "threejs"

@@ -53,7 +53,8 @@ class WgpuRenderer(Engine):
     With `device` "cpu", a software adapter draws. With "gpu", any other adapter draws.
 
     Frames have a `face_id` if the adapter supports primitive indices. If the adapter supports timestamps, the
-    device measures times. Without timestamps, the wall clock measures times, in the stage `WALL_CLOCK`.
+    device measures times. If the adapter has no timestamps, the wall clock measures times in the stage
+    `WALL_CLOCK`.
     """
 
     name = "wgpu"
@@ -121,7 +122,7 @@ class WgpuRenderer(Engine):
         self._gpu.close()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return the group in memory reports for each use. Textures belong to "appearance"."""
+        """Return the report group of each memory use. Textures belong to the group "appearance"."""
         textures = (use for use in self._gpu.resources if use.startswith("texture "))
         return {**super().memory_groups(), **dict.fromkeys(textures, "appearance")}
 
@@ -275,7 +276,7 @@ class WgpuRenderer(Engine):
         drawing.end()
 
     def _read_face_ids(self) -> NDArray[np.int32]:
-        """Return the face number in the asset for each pixel (H, W), -1 without a face."""
+        """Return the index of the visible face for each pixel (H, W), or -1 in pixels without a face."""
         face_id = self._read("face ids", np.uint32, 1)
         empty = face_id == np.uint32(2**32 - 1)
         if self._mesh.numbers is not None:
@@ -311,7 +312,7 @@ def pack_camera(camera: Camera) -> NDArray[np.float32]:
     rotation = np.eye(4)
     rotation[:3, :3] = camera.world_to_camera[:3, :3]
     parts = ((projection @ rotation).T.reshape(-1), rounded, [0.0], camera.center - rounded, [0.0])
-    with np.errstate(over="ignore"):  # a camera beyond 1e38 has infinite coordinates and sees nothing
+    with np.errstate(over="ignore"):  # camera coordinates beyond 1e38 overflow; the image is empty
         return np.concatenate(parts).astype(np.float32)
 
 

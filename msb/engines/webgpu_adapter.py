@@ -103,7 +103,7 @@ class Gpu:
     Attributes
     ----------
     resources : dict
-        The buffer or texture of each use.
+        Maps each use to its buffer or texture.
     nanoseconds_per_tick : float or None
         The unit of timestamps; None if the device has no timestamps.
     """

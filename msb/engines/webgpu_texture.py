@@ -17,7 +17,7 @@ from msb.engines.webgpu_adapter import Gpu
 from msb.errors import DeviceError
 
 _WRAPS = {"repeat": "repeat", "clamp": "clamp-to-edge", "mirror": "mirror-repeat"}
-# Bytes per corner and format of each vertex buffer.
+# For each vertex buffer: bytes per corner, and format.
 ATTRIBUTES = {
     "positions": (12, "float32x3"),
     "texture coordinates": (8, "float32x2"),

@@ -42,8 +42,7 @@ def make_mesh_page(
     ----------
     glb : bytes, optional
         The mesh. Without a mesh, the page opens a dropped file, or the file named by `?url=` in the address.
-    name, cameras, up, background, framing
-        As for `scene_to_json`.
+    name, cameras, up, background, framing : see `scene_to_json`
     served : bool
         Whether the page executes the tasks of a server (`browser.py`).
     """
@@ -66,7 +65,7 @@ def scene_to_json(
     the whole model, except for far outliers that `framing` excludes.
     """
     listed = [{**camera_to_json(camera), "name": camera.name} for camera in cameras]
-    # The page shades dropped meshes without colours by these values. Meshes written by msb always have
+    # The page uses these values to shade dropped meshes without colours. Meshes written by msb always have
     # colours.
     daylight = {"grey": GREY, "ambient": AMBIENT, "light": light_toward(up).tolist()}
     scene = {"name": name, "cameras": listed, "up": up, "background": list(background), "daylight": daylight}

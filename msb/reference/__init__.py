@@ -46,18 +46,19 @@ def render_reference(
     ----------
     asset : Asset
     camera : Camera
-        OpenCV axes, for every method. An off-centre principal point shifts the image of the splatting
-        methods, although their official code ignores it. For DiffSoup the camera is used with the sign of the
-        official code.
+        The camera has OpenCV axes for every method. An off-centre principal point shifts the image of the
+        splatting methods, although their official code ignores it. For DiffSoup, the vertical principal point
+        has the sign of the official code.
     background : sequence of 3 floats, or str, optional
-        In the stored colour space. Values and default are equal to `msb.Renderer.render`.
+        The background colour in the stored colour space. The accepted values and the default are the same as
+        in `msb.Renderer.render`.
     settings : mapping, optional
         Overrides of the asset's settings.
     dtype : numpy.float32 or numpy.float64
         float32: the official order of operations in strict IEEE float32. float64: the same operations in
         double precision.
     order, sampling : str
-        "tile" and "official" repeat the official code; the other values imitate an engine
+        "tile" and "official" repeat the official code; the other values imitate a game engine
         (docs/dedicated.md).
 
     Raises
@@ -86,7 +87,9 @@ def render_reference(
     method = asset.manifest.method
     module: Any = role(method, "reference")
     if module is None:
-        reason = lookup(method).unsupported.get("reference", "its package contains no reference renderer")
+        reason = lookup(method).unsupported.get(
+            "reference", "the package of the method contains no reference renderer"
+        )
         text = f"{method} on tier reference: {reason}"
         raise Unsupported("UNSUPPORTED_TIER", text, file=asset.opened_from)
     real = precision(dtype)

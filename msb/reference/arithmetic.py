@@ -43,7 +43,7 @@ def cross_2d(a: Reals | tuple[Reals, Reals], b: Reals | tuple[Reals, Reals]) -> 
 
 
 def transform(matrix: Reals, points: Reals) -> Reals:
-    """Return the products M (x, y, z, 1), (..., R), of a matrix M (R, 4) and points (..., 3)."""
+    """Return the products M (x, y, z, 1) of a matrix M (R, 4) and points (..., 3), as an array (..., R)."""
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
     return np.stack([row[0] * x + row[1] * y + row[2] * z + row[3] for row in matrix], axis=-1)
 
@@ -57,8 +57,8 @@ def rotate(matrix: Reals, vectors: Reals) -> Reals:
 def matrix_product(a: Reals, b: Reals) -> Reals:
     """Return the matrix product A B, with the terms of each element added from first to last.
 
-    The official code uses torch on a CPU for small float32 products, which adds the terms in this order. BLAS
-    fuses and reorders the sums.
+    The official code uses torch on a CPU for small float32 products. Torch adds the terms in this order. BLAS
+    is not used, because BLAS fuses and reorders the sums.
     """
     return np.stack([dot(a, np.broadcast_to(column, a.shape)) for column in b.T], axis=-1)
 
@@ -79,7 +79,10 @@ def power(base: Reals, exponent: Reals | float) -> Reals:
 
 
 def fast_power(base: Reals, exponent: Reals) -> Reals:
-    """Return exp2(exponent log2(base)) with each step rounded, like fast pow on a GPU; 0 for base 0."""
+    """Return exp2(exponent log2(base)) with each step rounded, like fast pow on a GPU.
+
+    The result is 0 for base 0.
+    """
     logarithm = np.log2(base, dtype=np.float64).astype(base.dtype)
     return np.asarray(np.exp2(exponent * logarithm, dtype=np.float64).astype(base.dtype))
 
@@ -92,7 +95,7 @@ def sigmoid(logits: Reals) -> Reals:
 def ndc_to_pixel(ndc: Reals, size: int) -> Reals:
     """Return ((ndc + 1) size - 1) / 2, evaluated in double precision and rounded once.
 
-    The pixel mapping is that of the 3DGS family: pixel i has its centre at the integer i, and ndc = -1 is the
-    left edge of pixel 0.
+    Pixels are mapped as in the 3DGS family: pixel i has its centre at the integer i, and ndc = -1 is the left
+    edge of pixel 0.
     """
     return np.asarray((((ndc.astype(np.float64) + 1) * size - 1) * 0.5).astype(ndc.dtype))

@@ -84,18 +84,20 @@ def composite(
     dtype: type[Any],
     weights: NDArray[np.float64] | None = None,
 ) -> Composite:
-    """Return the faces of every tile composited from front to back.
+    """Composite the faces of every tile from front to back.
 
     Parameters
     ----------
     tiles : iterable of Tile
         Tiles of samples; samples outside all tiles stay empty.
     cover : callable
-        A function of K faces as (K, 1), and of the columns and rows of P samples as (P,) reals. The function
-        returns the alpha of every face at every sample, (K, P). Alpha values below 1/255 are skipped.
+        A function with these arguments: K faces as (K, 1), and the columns and rows of P samples as (P,)
+        reals. The function returns the alpha of every face at every sample, (K, P). Alpha values below 1/255
+        are skipped.
     shade : callable
-        A function of N faces and of the column and row of one sample for each face, all (N,). The function
-        returns the appearance of each face at its sample. The function is called only for blended faces.
+        A function with these arguments, all (N,): N faces, and the column and row of one sample for each
+        face. The function returns the appearance of each face at its sample. The function is called only for
+        blended faces.
     weights : (F,) float64, optional
         Receives the contribution of each face: the sum over all samples of alpha times T.
     """
@@ -174,7 +176,7 @@ def _add(
         color = layers.color * alpha[:, None] * before[:, None]
     totals = (*image.color.T, image.depth, *image.normal.T)
     terms = (*color.T, layers.depth * weight, *(layers.normal * weight[:, None]).T)
-    # add.at adds one pair after the other. Separate calls for each channel are faster.
+    # np.add.at adds the pairs one after another. Separate calls for each channel are faster.
     for total, term in zip(totals, terms, strict=True):
         np.add.at(total, pixels, term)
     # Find the last face of each pixel with T > 0.5 in front of the face.

@@ -29,13 +29,12 @@ from msb.reference.tiles import Integers, Modes
 NEAR, FAR = 0.01, 100.0
 # Faces whose centroid has at most this depth (camera z, scene units) are dropped.
 NEAREST = 0.2
-# Smallest absolute cosine of the angle between a face's normal and the view direction; other faces are
-# dropped.
+# Faces are dropped if the absolute cosine between the normal and the view direction is below this value.
 GRAZING = 0.001
 # Smallest divisor when a vector is normalised, in scene units. The divisor has square scene units for cross
 # products of edges.
 MIN_LENGTH = 1e-4
-# Faces with a lower opacity are dropped.
+# Faces with an opacity below this value are dropped.
 MIN_OPACITY = 0.01
 # Faces with a corner farther than this many samples from their centroid are dropped.
 MAX_RADIUS = 1600

@@ -89,7 +89,10 @@ class EngineTriangles:
         return np.asarray(1 / _affine(self.inverse_depth[faces], x, y))
 
     def barycentrics(self, faces: Integers, x: Reals, y: Reals) -> tuple[Reals, Reals, Reals]:
-        """Return the weights of the three corners of faces at samples; linear on the triangle in space."""
+        """Return the weights of the three corners of faces at samples.
+
+        The weights are linear on the triangle in space.
+        """
         (first, second, third), depth = self._weighted(faces, x, y), self.depth_at(faces, x, y)
         a, b, c = np.moveaxis(self.weights[faces], -1, 0)
         return first * depth / a, second * depth / b, third * depth / c
@@ -121,7 +124,7 @@ def project_engine(triangles: Reals, view: SplattingCamera, *, incentre: bool) -
     For corners p_k in camera space, normal N = (p_1 - p_0) x (p_2 - p_0) and a ray d = (x, y, 1): 1 / depth =
     N . d / V and b_k / depth = (p_i x (p_j - p_i)) . d / V with V = p_0 . N, where i and j are the two other
     corners, in order. Let h be the distance to the edge opposite corner k, divided by the inradius. Then h is
-    b_k times the perimeter, divided by the length of this edge.
+    b_k times the perimeter, divided by the length of the edge opposite corner k.
     """
     real = triangles.dtype.type
     corners = transform(view.world_to_camera[:3], triangles)

@@ -31,8 +31,8 @@ class ReferenceFrame:
     face_id : (H, W) int32, optional
         The face at the median (MeshSplatting), the visible face (DiffSoup); -1 in empty pixels.
     visible : (F,) bool
-        Whether each face passes the culling of the preprocessing (official radius above 0). DiffSoup has no
-        such culling; its mask contains the faces that are visible in at least one pixel.
+        Whether each face passes the culling of the preprocessing (official radius above 0). DiffSoup does not
+        cull faces in preprocessing; its mask contains the faces that are visible in at least one pixel.
     contribution : (F,) float64, optional
         Sum of the weights (alpha times transmittance) of each face over all samples of the raster; for
         DiffSoup the number of pixels that show the face.

@@ -7,7 +7,9 @@ from msb.reference.arithmetic import Reals, norm
 
 
 def colors_from_sh(coefficients: Reals, points: Reals, center: Reals, degree: int) -> Reals:
-    """Return the colour max(0.5 + sum_i B_i(d) k_i, 0) of coefficients k_i in direction d; it can exceed 1.
+    """Return the colour max(0.5 + sum_i B_i(d) k_i, 0) of coefficients k_i in direction d.
+
+    The colour can exceed 1.
 
     Parameters
     ----------

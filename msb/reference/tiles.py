@@ -65,7 +65,8 @@ def tiles_front_to_back(
 
     Without `rectangles` every tile lists every face. The sort key `depth` must not be negative. Faces with
     equal keys keep ascending face numbers. The official kernels sort (tile number << 32 | bits of the float32
-    depth) with a stable radix sort. For positive depths, both sorts give the same order.
+    depth) with a stable radix sort. For positive depths, a stable sort of the float32 depths gives the same
+    order.
     """
     columns, tile_rows = grid_size(width, height).tolist()
     faces = np.flatnonzero(kept)

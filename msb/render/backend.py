@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 Factory = Callable[..., "Backend"]
 
-# For each renderer tier, the built-in renderer.
+# Maps each renderer tier to its built-in renderer.
 BUILT_IN = {
     "standard": "msb.render.standard.renderer:StandardRenderer",
     "dedicated": "msb.render.dedicated:dedicated_renderer",
@@ -30,7 +30,7 @@ BUILT_IN = {
 }
 # Renderer tiers whose built-in renderer needs an OpenCL device.
 ON_OPENCL = ("standard", "dedicated")
-# The renderer class of each other engine.
+# The renderer class for each engine that msb does not implement itself.
 ENGINES = {
     "wgpu": "msb.engines.webgpu:WgpuRenderer",
     "threejs": "msb.engines.threejs:ThreeJsRenderer",
@@ -72,12 +72,17 @@ class Backend(Protocol):
 
     - The attribute `device_info`: a mapping with `platform`, `name` and `kind` ("cpu" or "gpu") of the
       drawing device. Renderers that do not draw on an OpenCL device need this attribute.
+
     - The class attribute `tiers`: the tiers that the class draws. The default is all tiers.
+
     - The class method `of_tier(tier)`: returns the class that draws a tier, if tiers have different classes.
+
     - The class method `missing()`: returns the name of missing software, or None. The call must be quick.
+
     - The class method `installed()`: returns the version string without starting the engine. Implement
       `installed` if `version` is known only after the first frame, because `msb run` renders images again
       when the version changes.
+
     - The method `memory_groups()`: returns the `Group` of each purpose in `memory()`. Purposes without an
       entry count as scratch memory.
     """
@@ -94,8 +99,10 @@ class Backend(Protocol):
         """Draw a frame and wait until it is complete, without reading it back. Benchmarks time this."""
 
     def memory(self) -> Mapping[str, int]:
-        """Return the bytes of device memory for this asset by purpose. If the renderer cannot count them,
-        return an empty mapping."""
+        """Return the bytes of device memory for this asset by purpose.
+
+        If the renderer cannot count these bytes, return an empty mapping.
+        """
 
     def close(self) -> None:
         """Release all memory. A second call of `close` has no effect."""
@@ -109,7 +116,7 @@ def find_renderer(name: str) -> Factory:
 
 
 def _factory(name: str) -> Factory:
-    # Built-in renderers cannot be replaced, so entry points are not searched for their names.
+    # Built-in renderers cannot be replaced, so entry points with their names are ignored.
     if is_ours(name):
         module, _, attribute = {**BUILT_IN, **ENGINES}[name].partition(":")
         return getattr(import_module(module), attribute)  # type: ignore[no-any-return]
@@ -119,7 +126,9 @@ def _factory(name: str) -> Factory:
         raise UsageError("NAME_UNKNOWN", text)
     make: Any = load(place)
     if not callable(make):
-        raise PackageError(f"it is not a renderer class, but an object of type {type(make).__name__}")
+        raise PackageError(
+            f"the entry point is not a renderer class, but an object of type {type(make).__name__}"
+        )
     if isinstance(make, type):
         _check_contract(make, ("render", "memory", "close"))
     return make  # type: ignore[no-any-return]
@@ -128,7 +137,7 @@ def _factory(name: str) -> Factory:
 def _check_contract(renderer: Any, members: tuple[str, ...]) -> None:
     """Raise an error if `renderer` lacks one of the `members` of `Backend`."""
     if lacking := [member for member in members if not hasattr(renderer, member)]:
-        raise PackageError(f"it is not a renderer: the member {', '.join(lacking)} is missing")
+        raise PackageError(f"the class is not a renderer: the member {', '.join(lacking)} is missing")
 
 
 def make_backend(factory: Factory, name: str, asset: Asset, **options: Any) -> Backend:
@@ -195,8 +204,9 @@ def check_supported(asset: Asset, tier: str) -> None:
 
 
 def class_for(asset: Asset, tier: str, name: str | None, options: Mapping[str, Any]) -> Factory:
-    """Return the class that draws an asset on a renderer tier. It is the built-in class, or the class of the
-    renderer `name`.
+    """Return the class that draws an asset on a renderer tier.
+
+    The class is the built-in class, or the class of the renderer `name`.
 
     Check a tier and its options. The method must support the tier, the renderer must draw it, and the class
     must accept the options.
@@ -231,7 +241,7 @@ def _check_options(make: Factory, options: Mapping[str, Any], asset: Asset, name
             raise Unsupported("UNSUPPORTED_OPTION", text, file=asset.opened_from)
 
 
-# For each option, a hint at the tiers that accept it.
+# Maps an option to a hint at the tiers that accept the option.
 _ELSEWHERE = {
     **dict.fromkeys(("order", "sampling"), "; use it with tier dedicated or reference"),
     "supersample": "; use it with tier standard",

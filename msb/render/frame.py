@@ -45,11 +45,12 @@ class Frame:
         this is the depth of the visible surface; for blended primitives, it is the expected depth (sum of
         weight times depth, divided by alpha).
     face_id : (H, W) int32, optional
-        The number of the visible face; -1 in pixels without a face.
+        The index of the visible face; -1 in pixels without a face.
     normal : (H, W, 3) float32, optional
         Normals as defined by the method's official kernel.
     depth_median : (H, W) float32, optional
-        The depth of the face that lowers the transmittance below one half; 0 if no face lowers it so far.
+        The depth of the face that lowers the transmittance below one half. The depth is 0 if no face does
+        this.
         visible : (F,) bool, optional Whether each face passed the method's culling.
     raw : mapping of str to ndarray
         Buffers of the official kernel, by their official names.

@@ -54,7 +54,7 @@ class ViewOptions:
     ] = None
     camera: Annotated[
         tuple[str, ...],
-        Option("Draw only this camera. May be given again. Default: all cameras.", metavar="NAME|INDEX|all"),
+        Option("Draw only this camera; can be repeated. Default: all cameras.", metavar="NAME|INDEX|all"),
     ] = ()
     size: Annotated[
         str | None,
@@ -157,7 +157,7 @@ class ViewOptions:
 
         if self.background is None:
             return BLACK if asset is None else default_background(asset.manifest)
-        official = "it needs an asset"
+        official = "official needs an asset"
         if asset is not None:
             official = str(asset.manifest.appearance.get("background", "the asset records none"))
         return parse_color_option(self.background, official)

@@ -115,10 +115,10 @@ class Renderer:
         ----------
         camera : Camera
         background : (3,) array_like of float, or str, optional
-            Red, green and blue in the asset's colour space, all finite. A text has the form of the command
-            line: "black", "white", "#rrggbb", "r,g,b" in 0..1, or "official", the background that the asset
-            records. The default background is "official". The method's background is used if the asset
-            records none; meshes have a black background.
+            Red, green and blue in the asset's colour space, all finite. Possible texts are "black", "white",
+            "#rrggbb", "r,g,b" with numbers in 0..1, and "official", the background that the asset records.
+            The default background is "official". If the asset records no background, the background of the
+            method is used; meshes have a black background.
 
         Raises
         ------
@@ -140,8 +140,8 @@ class Renderer:
     def draw(self, camera: Camera, background: Background | None = None) -> DrawTime:
         """Render without reading the frame back, wait until it is complete, and return the duration.
 
-        If the renderer has no method `draw`, the frame is read back and discarded. Parameters and errors are
-        those of `render`.
+        If the renderer has no method `draw`, the frame is read back and discarded. The parameters and errors
+        are the same as in `render`.
         """
         if not hasattr(self._backend, "draw"):
             stages = self.render(camera, background).timings
@@ -212,7 +212,8 @@ def render(
     tier : {"standard", "dedicated", "reference"}
         An ordinary opaque mesh, native rendering in OpenCL, or native rendering in NumPy.
     background : (3,) array_like of float, or str, optional
-        Red, green and blue, or a text such as "white". Values and default are those of `Renderer.render`.
+        Red, green and blue, or a text such as "white". The accepted values and the default are the same as in
+        `Renderer.render`.
         settings : mapping, optional Overrides of the asset's settings.
     device : str, optional
         The OpenCL device, such as "cpu" or "gpu".

@@ -42,8 +42,8 @@ def shares_by_view(
     (F, 4) or, without a picture, (F, 1) float64, or None
         The last column is the weight of each face in pixels. The weight of a blended face is the sum of alpha
         times transmittance. The weight of an opaque face is the number of pixels that show the face. The
-        first three columns are the sums of the picture's red, green and blue with these weights. If a
-        renderer of another package reports no face ids, None is yielded.
+        first three columns are the picture's red, green and blue, each summed with the weights of the face.
+        If a renderer of another package reports no face ids, None is yielded.
 
     Raises
     ------

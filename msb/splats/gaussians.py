@@ -12,8 +12,8 @@ from msb.asset.sh import SH_C0, sh_basis
 from msb.errors import CheckpointError
 
 Reals = NDArray[np.floating[Any]]
-# The SH degree for each number of SH coefficients per channel. The number excludes the coefficient of degree
-# 0.
+# Maps the number of SH coefficients per channel to the SH degree. The number excludes the coefficient of
+# degree 0.
 DEGREES = {(degree + 1) ** 2 - 1: degree for degree in range(5)}
 # Minimum linear scale for formats that do not store the logarithm of scales.
 _MIN_SCALE = 1e-30
@@ -87,8 +87,8 @@ def to_f_dc(color: Reals) -> NDArray[np.float32]:
 def expand_quaternions(largest: NDArray[np.integer[Any]], others: Reals) -> Reals:
     """Return quaternions (N, 4) from their three smallest components.
 
-    `others` (N, 3) contains the three stored components in ascending order of their numbers. The component
-    with the number `largest` (N,) is not stored. The missing component is positive, and the quaternion has
+    `others` (N, 3) contains the three stored components in ascending order of their indices. The component
+    with the index `largest` (N,) is not stored. The missing component is positive, and the quaternion has
     length 1.
     """
     rotation = np.zeros((len(others), 4))

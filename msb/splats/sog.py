@@ -82,7 +82,7 @@ class _Model:
         return part
 
     def image(self, name: str, number: int, width: int = 3) -> NDArray[np.uint8]:
-        """Return image `number` of a part of meta.json: texels (H, W, at least `width`)."""
+        """Return the image with the index `number` in a part: texels (H, W, at least `width`)."""
         files = self.part(name).get("files")
         if not isinstance(files, list) or len(files) <= number or not isinstance(files[number], str):
             text = f'"files" of "{name}" in meta.json must have {number + 1} names of files'

@@ -28,7 +28,7 @@ _MAGIC = 0x5053474E
 _HEADER = struct.Struct("<IIIBBBB")
 # First version with Zstandard streams, and the newest supported version.
 _FIRST_ZSTD, _NEWEST = 4, 4
-# The last byte of the header is the number of streams; the offset of the stream table follows it.
+# The last byte of the header is the number of streams; the offset of the stream table follows this byte.
 _TABLE_OFFSET = struct.Struct("<I")
 _ENTRY = struct.Struct("<QQ")
 _MAX_STREAMS = 16
@@ -112,7 +112,7 @@ def _check_size(header: _Header, limit: int) -> int:
     """Return the size of all columns in bytes. Raise an error if the size exceeds the memory limit."""
     size = header.count * sum(header.widths.values())
     if size > limit:
-        text = f"its header declares {header.count} Gaussians with {size} bytes, too many for its size"
+        text = f"the header declares {header.count} Gaussians with {size} bytes, too many for the file size"
         raise damaged(text)
     return size
 
@@ -128,7 +128,7 @@ def _decompress_streams(data: memoryview, header: _Header) -> bytes:
     (table,) = _TABLE_OFFSET.unpack_from(data, _HEADER.size)
     at = table + header.streams * _ENTRY.size
     if at > len(data):
-        raise damaged("its table of streams is truncated")
+        raise damaged("the table of streams is truncated")
     # Each stream holds one column. Decompression stops at the expected size of the column.
     widths = [width for width in header.widths.values() if width]
     columns = []

@@ -1,8 +1,8 @@
 """Read the archives that `torch.save` writes since torch 1.6.
 
 All members of the archive are in one folder, which has the name of the file or ``archive``. The reader needs
-the members ``data.pkl``, ``version`` and one member ``data/N`` per storage. In newer files it also needs
-``byteorder``. The reader ignores other members (``.format_version``, ``.storage_alignment``,
+the members ``data.pkl``, ``version`` and one member ``data/N`` per storage. In newer files, the reader also
+needs the member ``byteorder``. The reader ignores other members (``.format_version``, ``.storage_alignment``,
 ``.data/serialization_id``). As in a packed `.triasset`, padding in the extra field of local headers aligns
 the data to 64 bytes. Unlike in a `.triasset`, a ZIP64 end record always exists, and a copy of sizes and
 checksum follows the data (bit 3 of the flags).
@@ -20,7 +20,7 @@ from msb.asset.strict_zip import Member, Policy, read_members
 from msb.errors import shorten
 
 # Maximum size of data.pkl in bytes. data.pkl does not contain the values of tensors, so some kilobytes are
-# usual. A list of a million losses takes 9 MiB.
+# usual. A list with the losses of a million training steps takes 9 MiB.
 MAX_PICKLE = 16 << 20
 # Maximum number of members of an archive. An archive has one member per tensor, and a few others. Files of
 # the methods have fewer than 30 members, and files of other large models have thousands.
@@ -39,7 +39,7 @@ def _is_script(name: str) -> bool:
 
 def _refuse_script(name: str) -> NoReturn:
     """Raise an error, because the archive is a TorchScript program."""
-    text = f"it contains a TorchScript program ({shorten(name, 40)}); a saved state is needed"
+    text = f"the file contains a TorchScript program ({shorten(name, 40)}); a saved state is needed"
     raise Refusal("CHECKPOINT_NOT_RECOGNISED", text)
 
 
@@ -94,17 +94,19 @@ def read_archive(view: memoryview) -> Any:
 
 
 def _root(members: dict[str, Member]) -> str:
-    """Return the folder of data.pkl, with a slash at the end. The archive must have exactly one such
-    folder."""
+    """Return the folder of data.pkl, with a slash at the end.
+
+    Exactly one folder of the archive must contain data.pkl.
+    """
     roots = [name[: -len(_PICKLE)] for name in members if name == _PICKLE or name.endswith("/" + _PICKLE)]
     for name in filter(_is_script, members):
         _refuse_script(name)
     if not roots:
-        raise Refusal(
-            "CHECKPOINT_NOT_RECOGNISED", "it is an archive without data.pkl, which torch always writes"
-        )
+        raise Refusal("CHECKPOINT_NOT_RECOGNISED", "the archive has no data.pkl, which torch always writes")
     if len(roots) > 1:
-        raise Refusal("CHECKPOINT_HOSTILE", f"it contains {len(roots)} files data.pkl; torch writes one")
+        raise Refusal(
+            "CHECKPOINT_HOSTILE", f"the archive contains {len(roots)} files data.pkl; torch writes one"
+        )
     root = roots[0]
     if root.count("/") != 1 or root in ("/", "./", "../"):
         text = f"data.pkl is in {shorten(repr(root), 40)}; it must be in a single folder"
@@ -133,7 +135,7 @@ def _check_version(view: memoryview, member: Member | None) -> None:
     text = _small_text(view, member) if member else ""
     if not (text.isascii() and text.isdigit() and len(text) < 4 and int(text) in VERSIONS):
         version = f'"{shorten(text)}"' if member else "missing"
-        what = f"its version is {version}; {VERSIONS.start} to {VERSIONS.stop - 1} are supported"
+        what = f"the archive version is {version}; {VERSIONS.start} to {VERSIONS.stop - 1} are supported"
         raise Refusal("CHECKPOINT_FORM", what)
 
 
@@ -141,4 +143,4 @@ def _check_byte_order(view: memoryview, member: Member | None) -> None:
     """Check the byte order. Older files do not state a byte order. They are little-endian."""
     text = _small_text(view, member) if member else "little"
     if text != "little":
-        raise Refusal("CHECKPOINT_FORM", f'its byte order is "{shorten(text)}"; only little is supported')
+        raise Refusal("CHECKPOINT_FORM", f'the byte order is "{shorten(text)}"; only little is supported')

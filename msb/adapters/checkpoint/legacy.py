@@ -68,16 +68,16 @@ def _pickle_at(view: memoryview, start: int, storages: Storages | None = None) -
 def _check_header(magic: Any, version: Any, system: Any) -> None:
     """Check the values of the first three pickles."""
     if type(magic) is not int or magic != MAGIC_NUMBER:
-        raise Refusal("CHECKPOINT_DAMAGED", "it does not start with the magic number of torch")
+        raise Refusal("CHECKPOINT_DAMAGED", "the file does not start with the magic number of torch")
     if type(version) is not int or version != PROTOCOL_VERSION:
         text = f"the number {PROTOCOL_VERSION} does not follow the magic number of torch"
         raise Refusal("CHECKPOINT_DAMAGED", text)
     little = system.get("little_endian") if type(system) is dict else None
     if type(little) is not bool:
-        text = "it does not state the byte order of its machine"
+        text = "the file does not state the byte order of its machine"
         raise Refusal("CHECKPOINT_DAMAGED", text)
     if not little:
-        raise Refusal("CHECKPOINT_FORM", "it was written on a big-endian machine")
+        raise Refusal("CHECKPOINT_FORM", "the file was written on a big-endian machine")
 
 
 def _places(view: memoryview, position: int, keys: Any, declared: DeclaredStorages) -> dict[str, Extent]:

@@ -155,7 +155,9 @@ def find(module: str, name: str) -> Function | StorageType:
     if meaning is None and module == "torch._utils" and name in OTHER_TENSORS:
         raise Refusal("CHECKPOINT_FORM", f"a tensor is {OTHER_TENSORS[name]}; save it as a dense tensor")
     if meaning is None:
-        text = f"it refers to {shorten(f'{module}.{name}')}; only tensors and plain values are supported"
+        text = (
+            f"the pickle refers to {shorten(f'{module}.{name}')}; only tensors and plain values are supported"
+        )
         raise Refusal("CHECKPOINT_HOSTILE", text)
     if type(meaning) is StorageType and meaning.dtype is None:
         raise Refusal(

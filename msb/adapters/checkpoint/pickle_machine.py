@@ -167,7 +167,9 @@ class _Machine:
         if self.below:
             raise Refusal("CHECKPOINT_HOSTILE", "a mark is open at the end")
         if len(self.stack) != 1:
-            raise Refusal("CHECKPOINT_HOSTILE", f"{len(self.stack)} values are left instead of one")
+            raise Refusal(
+                "CHECKPOINT_HOSTILE", f"{len(self.stack)} values are left on the stack instead of one value"
+            )
         if self.frame_end is not None and self.frame_end != self.position:
             raise Refusal("CHECKPOINT_HOSTILE", "the last frame is longer than its content")
 
@@ -321,7 +323,7 @@ _SINCE = dict.fromkeys(b"\x42\x43", 3) | dict.fromkeys(b"\x95\x8c\x8d\x8e\x94\x9
 def run_pickle(
     data: bytes, storages: Storages | None = None, *, where: str = "", origin: int = 0
 ) -> tuple[Any, int]:
-    """Run the pickle at the beginning of `data`; return the pickle's value and end.
+    """Run the pickle at the beginning of `data`. Return the pickle's value and the position of its end.
 
     Without `storages`, all tensors in the value are empty. `where` and `origin` are for error messages.
     The texts give the name of the archive member, such as "data.pkl ", and the position of `data` in the

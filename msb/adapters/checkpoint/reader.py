@@ -25,7 +25,7 @@ MAX_DEPTH = 64
 MAX_VALUES = 1_000_000
 
 # The message for files of an unknown kind.
-STRANGE = "it was not written by torch.save"
+STRANGE = "the file was not written by torch.save"
 
 _LEAVES = (str, bytes, int, float, bool, type(None), np.ndarray, BFloat16Array)
 _CONTAINERS = (dict, list, tuple)
@@ -64,21 +64,19 @@ def _unknown_file(view: memoryview, head: bytes) -> Refusal:
     if not head:
         return Refusal("CHECKPOINT_DAMAGED", "the file is empty")
     if head[257:262] == b"ustar":
-        text = "it is a tar file, as torch wrote before 2017; load it with torch and save it again"
+        text = "the file is a tar file, as torch wrote before 2017; load it with torch and save it again"
         return Refusal("CHECKPOINT_FORM", text)
     if _is_safetensors(view, head):
-        text = "it is a safetensors file; the .pt or .ckpt file of the method is needed"
+        text = "the file is a safetensors file; the .pt or .ckpt file of the method is needed"
         return Refusal("CHECKPOINT_NOT_RECOGNISED", text)
     if head[0] == 0x80 and head[1:2] <= b"\x05":
-        text = (
-            "it is a pickle that was not written by torch.save; if you trust it, load it and use torch.save"
-        )
+        text = "torch.save did not write this pickle; if you trust the file, load it and use torch.save"
         return Refusal("CHECKPOINT_FORM", text)
     if _END_RECORD in bytes(view[-_LONGEST_TAIL:]):
-        text = "it has data before the first member of the archive"
+        text = "the file has data before the first member of the archive"
         return Refusal("CHECKPOINT_HOSTILE", text, at="byte 0")
     if head.startswith(b"version https://git-lfs"):
-        return Refusal("CHECKPOINT_NOT_RECOGNISED", "it is a Git LFS pointer, not the file itself")
+        return Refusal("CHECKPOINT_NOT_RECOGNISED", "the file is a Git LFS pointer, not the file itself")
     return Refusal("CHECKPOINT_NOT_RECOGNISED", STRANGE)
 
 

@@ -12,8 +12,8 @@ void sort_block(__global const Record *restrict records, uint count, uint first,
     for (uint i = 0, sum = 0; i <= vertices; i++)
         starts[i] = sum += starts[i];
     // At first, starts[i] is the end of the records of vertex i.
-    // The sort then moves starts[i] down to their start.
-    // Reading from the last record to the first preserves the order of the records.
+    // The sort then moves starts[i] down to the first record of vertex i. Reading from the last record to the
+    // first preserves the order of the records.
     for (uint i = count; i-- > 0;)
         sorted[--starts[records[i].x - first]] = records[i];
 }
@@ -43,7 +43,7 @@ void sort_block_in_place(__global Record *records, uint count, uint first, uint 
 }
 
 // Move the records of proper faces (three different vertices) to the front.
-// Return the number of these records.
+// Return the number of records of proper faces.
 uint proper_first(__global Record *records, uint count)
 {
     uint n = 0;
@@ -110,9 +110,8 @@ __kernel void visit_blocks(__global Record *records, __global const uint *block_
         visit.at[kind] = 0;
     scratch += item * scratch_words;
     // The scratch memory has up to three parts.
-    // The first part is the starts of vertices.
-    // Unless the block is large, the second part is a copy of the block in 16-byte words.
-    // The last part has 4 words per corner of the largest vertex.
+    // The first part holds the starts of the vertices. Unless the block is large, the second part is a copy
+    // of the block in 16-byte words. The last part has 4 words per corner of the largest vertex.
     uint size = 1u << shift;
     __global uint *starts = (__global uint *)scratch, *next = starts + size + 1;
     scratch += size + 1;

@@ -21,17 +21,16 @@ double face_area(__global const COORDINATE *p, __global const COORDINATE *q, __g
 
 // Meshes have few large components, and usually a single very large component.
 // Each work-item counts in a private table.
-// When another component needs the same slot of the table, the old count is added to the shared `sizes`.
+// If two components need the same slot of the table, the count of the first component is added to the shared
+// `sizes`.
 #define TABLE 64
 
 #define SOON 12 // number of faces to prefetch ahead, so that their vertices and components are already cached
 
-// For each face, write the area (0 if not finite) and the component in `parents` (its lowest face).
-// Write the initial state for uniting boundary edges as well.
-// All elements of `sizes` are initially zero.
-// For each work-item, `samples` gets the number of zero-area faces with distinct vertices, and the first of
-// these faces.
-// The same two values follow for faces with non-finite area.
+// For each face, write the area, and write the lowest face of the component to `parents`. An area that is not
+// finite is written as 0. Write the initial state for uniting boundary edges as well. All elements of `sizes`
+// are initially zero. For each work-item, `samples` gets the number of zero-area faces with distinct
+// vertices, and the first of these faces. The same two values follow for faces with non-finite area.
 __kernel void measure_faces(__global const COORDINATE *restrict points, __global const uint *restrict faces,
     __global double *restrict areas, __global uint *parents, __global uint *sizes, __global uint *restrict rims,
     __global uint *restrict samples, uint face_count, uint chunk)
@@ -83,10 +82,10 @@ __kernel void measure_faces(__global const COORDINATE *restrict points, __global
     samples[SAMPLES + 1] = strange;
 }
 
-// Find the component with the most faces; a tie goes to the larger area, then to the lowest face number.
-// Return the size and area of this component, the number of single-face components, and the total area.
-// One work-item adds all areas in face order.
-// Rounding is monotone, so the sum over some faces never exceeds the sum over all faces.
+// Find the component with the most faces. Among equal counts, the larger area wins, then the lowest face
+// index. Return the size and area of this component, the number of single-face components, and the total
+// area. One work-item adds all areas in face order. Rounding is monotone, so the sum over some faces never
+// exceeds the sum over all faces.
 __kernel void sum_largest(__global const double *restrict areas, __global const uint *restrict parents,
     __global const uint *restrict sizes, __global double *restrict sums, __global uint *restrict counts,
     __global double *restrict added, uint face_count)

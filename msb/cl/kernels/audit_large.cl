@@ -67,7 +67,7 @@ void count_duplicates(__global const Record *records, uint count, Visit *visit, 
 }
 
 // Return the group (fan of connected faces) of a corner at the vertex.
-// The first word of a corner's record changes from the vertex to the corner's parent.
+// The visit replaces the vertex in the first word of a corner's record by the parent of the corner.
 uint find_group(__global Record *records, uint i)
 {
     while (records[i].x != i) {
@@ -103,7 +103,8 @@ void visit_large(__global Record *records, uint count, Visit *visit, uint v, uin
     __global Tally *t = visit->tally;
     __global ulong *words = visit->scratch, *other = words + 2 * (size_t)count;
     for (uint i = 0; i < count; i++) {
-        // Each side is one word: the neighbour in the upper half, the number of the side in the lower half.
+        // Each side (edge at the vertex) is one word. The upper half is the neighbour vertex, and the lower
+        // half is the index of the side.
         words[2 * (size_t)i] = WORD(records[i].y, 2 * i);
         words[2 * (size_t)i + 1] = WORD(records[i].z, 2 * i + BY_Z);
         records[i].x = i;
@@ -133,8 +134,8 @@ void visit_large(__global Record *records, uint count, Visit *visit, uint v, uin
         for (uint i = k; i < next; i++) {
             if (n > 2)
                 across[(uint)words[i]] = CROWD_SIDE;
-            // Join the corners at the edge into one group, and list the pairs of faces of the edge at its
-            // lower end.
+            // Join the corners at the edge into one group. At the edge's lower vertex, also list the pairs of
+            // faces.
             uint a = find_group(records, side / 2), b = find_group(records, (uint)words[i] / 2);
             groups -= a != b;
             records[MAX(a, b)].x = MIN(a, b);

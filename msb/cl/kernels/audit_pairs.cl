@@ -59,7 +59,7 @@ uint find_root(__global volatile uint *parents, uint f)
 
 // Join the trees of two faces; return whether they were different.
 // The final trees do not depend on the order of execution.
-// The number of joins is the number of faces minus the number of sets.
+// The number of successful joins is the number of faces minus the number of components.
 int unite(__global volatile uint *parents, uint first, uint second)
 {
     for (;;) {

@@ -39,8 +39,8 @@ __kernel void count_corners(__global const uint *restrict faces, __global uint *
 
 // Write the corner records of the blocks from `first` to `first` + `count` - 1.
 // For each work-item, `cursors` holds the next write position in each block.
-// All other blocks share a spare position.
-// Writing to the spare position is faster than an unpredictable branch.
+// Records of all other blocks go to one spare position. Writing to the spare position is faster than a branch
+// that the processor cannot predict.
 #define PLACE(v, y, z, f)                                                                                       \
     {                                                                                                           \
         uint k = ((v) >> shift) - first;                                                                        \

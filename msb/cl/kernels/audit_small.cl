@@ -1,7 +1,8 @@
 // Visit a vertex with at most MOST faces; MOST is a multiple of 8, at most 32.
 // All pairs of sides (edges at the vertex) are compared, eight pairs at a time.
 // The result is one word per side; its bits mark the faces with the same neighbour vertex.
-// The comparison takes quadratic time, but is faster than sorting, because no branch is unpredictable.
+// The comparison takes quadratic time, but is faster than sorting, because the comparison has no
+// unpredictable branches.
 
 typedef uint8 __attribute__((aligned(4))) loose_uint8;
 #define LANES(words) (*(loose_uint8 *)(words))
@@ -30,13 +31,11 @@ uint sum_lanes(uint8 v)
 
 // Sums over the sides of a vertex, separately for each lane.
 // `counts` packs five numbers, with enough bits for 64 sides.
-// Two of the numbers count all edges, and the edges to higher vertices.
-// The other numbers only count edges to higher vertices.
-// The edges are boundary edges, two-face edges with flipped winding, or edges with more than two faces.
-// `rim` marks the sides that are boundary edges.
-// `paired` marks the sides that share a higher neighbour with an earlier side.
-// `crowd` is non-zero at an edge with more than two faces.
-// `twins` marks the faces that share both neighbours with another face.
+// Two of the numbers are the count of all edges, and the count of the edges to higher vertices. Three numbers
+// count edges to higher vertices by kind: boundary edges, two-face edges with flipped winding, and edges with
+// more than two faces. `rim` marks the sides that are boundary edges. `paired` marks the sides that share a
+// higher neighbour with an earlier side. `crowd` is non-zero at an edge with more than two faces. `twins`
+// marks the faces that share both neighbours with another face.
 typedef struct {
     uint8 counts, rim[2], paired[2], crowd, twins;
 } Sides;
@@ -60,7 +59,7 @@ void count_sides(Sides *sums, int side, uint8 bit, uint8 neighbour, uint8 sharin
     sums->crowd |= crowd;
 }
 
-// Fill `sharing` and `same`, and compute these sums.
+// Compare all sides of a vertex: fill `sharing` and `same` of the star, and compute the sums over the sides.
 void compare_sides(Star *s, Sides *sums, uint v)
 {
     sums->counts = sums->rim[0] = sums->rim[1] = sums->paired[0] = sums->paired[1] = sums->crowd = sums->twins = 0;
@@ -86,8 +85,8 @@ void compare_sides(Star *s, Sides *sums, uint v)
     }
 }
 
-// List the edges of a kind from v to higher vertices; `number` edges of this kind are already listed.
-// Listing takes a search per edge, but few vertices have edges to list.
+// List the edges of one kind from v to higher vertices. The list already has `number` edges of this kind.
+// Listing searches the faces of each edge again, but few vertices have edges to list.
 void list_small(const Star *s, const Visit *visit, int kind, ulong number, uint v)
 {
     uint last = v;
@@ -102,7 +101,8 @@ void list_small(const Star *s, const Visit *visit, int kind, ulong number, uint 
         if (next == NOBODY)
             return;
         last = next;
-        // If both faces run along an edge in the same direction, the edge is on the same side of both faces.
+        // If both faces traverse an edge in the same direction, the edge is side y of both faces, or side z
+        // of both faces.
         int is_kind = kind == BOUNDARY_EDGES ? faces == 1 : kind == NONMANIFOLD_EDGES ? faces > 2
             : faces == 2 && same != 1;
         if (is_kind)
@@ -110,9 +110,9 @@ void list_small(const Star *s, const Visit *visit, int kind, ulong number, uint 
     }
 }
 
-// Face i has a boundary edge here; follow its fan of faces to the fan's other end.
-// Return the face at the other end if its side is also a boundary edge, otherwise NOBODY.
-// `rim_y` and `rim_z` mark the faces whose side y or z is a boundary edge.
+// Face i has a boundary edge at the vertex. Follow the fan of faces from face i to the other end of the fan.
+// Return the face at the other end if its side is also a boundary edge, otherwise NOBODY. `rim_y` and `rim_z`
+// mark the faces whose side y or z is a boundary edge.
 uint other_end(const Star *s, uint i, uint rim_y, uint rim_z)
 {
     uint through = s->sharing[rim_y & BIT(i) ? MOST + i : i];
@@ -160,9 +160,8 @@ uint most_sharing(const Star *s)
     return most;
 }
 
-// Pair the first face with each other face that shares a neighbour with it.
-// To avoid a branch, write the pair to the lists of both kinds.
-// Only the position in the correct list advances.
+// Pair the first face with every face that shares a neighbour vertex with the first face. To avoid a branch,
+// write the pair to the lists of both kinds. Only the position in the correct list advances.
 void pair_faces(const Star *s, Visit *visit, uint paired_y, uint paired_z)
 {
     __global uint2 *pairs = visit->pairs;

@@ -36,7 +36,7 @@ typedef uint4 Record;
 #define UNREFERENCED_VERTICES 3
 
 // An edge with its two vertices, and its rank in its block.
-// Ranks are in the order of the lower, then the higher vertex.
+// Ranks order the edges by the lower vertex, then by the higher vertex.
 typedef struct {
     ulong block, rank, low, high;
 } EdgeSample;
@@ -64,7 +64,8 @@ typedef struct {
     ulong at[3];
 } Visit;
 
-// Work-items process vertices and edges in ascending order, so the first few are the lowest.
+// Work-items process vertices and edges in ascending order, so the first listed elements have the lowest
+// indices.
 void count_vertex(__global Tally *t, int kind, uint v)
 {
     ulong n = t->vertex_counts[kind]++;
@@ -72,7 +73,7 @@ void count_vertex(__global Tally *t, int kind, uint v)
         t->vertex_samples[kind][n] = v;
 }
 
-// Count `count` edges of a kind; return whether some of these edges should be listed.
+// Add `count` edges to the count of one kind. Return whether the list of this kind has room for an edge.
 int count_edges(__global Tally *t, int kind, uint count)
 {
     ulong before = t->edge_counts[kind];
@@ -108,8 +109,7 @@ void count_valence(Visit *visit, uint valence)
         visit->valences[atomic_inc(visit->next_valence)] = valence;
 }
 
-// Count vertex v by kind.
-// The number `most` is the largest number of faces at an edge of v.
+// Add vertex v to the counts of its kinds. The number `most` is the largest number of faces at an edge of v.
 // `in_groups` tells whether the faces of v form several groups.
 void count_fans(Visit *visit, uint v, uint most, int in_groups)
 {

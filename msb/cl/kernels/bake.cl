@@ -1,7 +1,7 @@
 // Sums over images of the standard tier (opaque rendering) for a bake.
 // The sums give the best colours of each face, and the benefit of changes.
 // Sums are equal in every run.
-// The pixels of a face are added in their order, and all other sums are integers.
+// The pixels of a face are added in a fixed order, and all other sums are sums of integers.
 #define LANES 1
 #include "zbuffer_math.cl"
 
@@ -33,8 +33,8 @@ __kernel void owners(__global const int *faces, __global uint *keys, uint none, 
 // The derivative is the average of both changes, times the weight of the corner at the border.
 // All sums are multiplied by `weight`, the weight of the image.
 // The array `positions` holds three corners per face.
-// Pixels are `sorted` by face.
-// The work-item of a face's first pixel adds all pixels of the face; other work-items do nothing.
+// The array `sorted` has the pixels in the order of their faces. The work-item of a face's first pixel adds
+// all pixels of the face; other work-items do nothing.
 __kernel void sums(__global const float *positions, __constant float *view, __global const uint *sorted,
     __global const uint *pixels, __global const ushort *target, __global const float *image,
     __global const float *depth, __global const int *owners, int width, int height, __global float *sums,
@@ -134,7 +134,7 @@ __kernel void remember(__global const float *image, __global const int *faces, _
 
 // Each proposed change involves some faces.
 // Add a pixel's change of the error to the proposal that involves the old or new face of the pixel.
-// If this applies to two proposals, each proposal gets half.
+// If two proposals involve the pixel, each proposal gets half of the change.
 __kernel void judge(__global const float *image, __global const int *faces, __global const ushort *target,
     __global const int *old_faces, __global const float *old_errors, __global const int *owner,
     __global whole *totals, float unit, uint start, uint row, uint count)

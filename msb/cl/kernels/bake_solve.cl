@@ -2,7 +2,7 @@
 // Red, green and blue are solved together, in x, y and z.
 // Each work-item handles RUN consecutive texels, so sums are equal in every run.
 // msb/bake/texture_equations.py defines RUN.
-// NOTHING, in the same file, is the residual below which a solution is exact.
+// The constant NOTHING, in the same file, is the residual below which a solution is exact.
 
 // Tie neighbouring texels of a chart to each other, and tie a texel without neighbours to its current value.
 // Without these ties, texels that no image shows could take arbitrary values.
@@ -18,9 +18,9 @@ __kernel void tie(__global const int *charts, float weight, int side, __global f
     equations[i] += weight * tied;
 }
 
-// Add the contributions of smaller levels to the right-hand sides of a level, which begin at `start`.
-// Add the same contributions to the level's diagonal in w.
-// The next smaller level begins at `next`; 0 marks the smallest level.
+// Add the contributions of smaller levels to the right-hand sides of a level. The right-hand sides begin at
+// `start`. Add the same contributions to the level's diagonal in w. The next smaller level begins at `next`;
+// 0 marks the smallest level.
 __kernel void spread(__global float8 *equations, uint start, uint next, int side, __global float4 *direction,
     uint count)
 {
@@ -40,7 +40,7 @@ __kernel void spread(__global float8 *equations, uint start, uint next, int side
 
 // Store the inverse of the diagonal in w, and set the change to zero.
 // Turn right-hand sides into residuals.
-// Return partial sums of their squares weighted by the inverse diagonal.
+// Return partial sums of the squared residuals, weighted by the inverse diagonal.
 __kernel void begin(__global const float8 *equations, __global float4 *direction, __global float *change,
     __global float4 *partial, uint count)
 {
@@ -59,7 +59,8 @@ __kernel void begin(__global const float8 *equations, __global float4 *direction
 }
 
 // The next search direction is the sum of two vectors.
-// The vectors are the residual scaled by the inverse diagonal, and `again` times the previous direction.
+// The vectors are the residual scaled by the inverse diagonal, and the previous direction multiplied by
+// `again`.
 __kernel void turn(__global const float8 *equations, float4 again, __global float4 *direction, uint count)
 {
     size_t i = get_global_id(0);
@@ -82,7 +83,7 @@ __kernel void halve(__global float4 *direction, uint before, uint start, int sid
 }
 
 // Compute the left-hand sides of a level with the contributions of smaller levels.
-// Return partial sums of their products with `direction`.
+// Return partial sums of the products of the left-hand sides with `direction`.
 __kernel void apply(__global const float8 *equations, __global const float4 *direction, uint start, uint next, int side,
     __global float *sums, __global float4 *partial, uint count)
 {

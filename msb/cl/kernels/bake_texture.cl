@@ -145,7 +145,8 @@ uint first_of(__global const uint *keys, uint count, uint key)
 
 // Add samples to the equations of the four texels that each sample blends, in the layout of bake_solve.cl.
 // A work-item takes the samples whose first texel lies in a certain row of a level.
-// Rows of equal parity share no texel.
+// A sample changes two adjacent rows. Work-items with rows of equal parity therefore never write to the same
+// texel.
 __kernel void add(__global const uint *keys, __global const uint *places, __global const Sample *samples,
     __global const float4 *errors, __global const int *starts, int side, int levels, int parity, float weight,
     __global float8 *equations, uint count)
@@ -159,7 +160,7 @@ __kernel void add(__global const uint *keys, __global const uint *places, __glob
     uint begin = (uint)(starts[level] + row * wide), end = first_of(keys, count, begin + wide);
     for (uint i = first_of(keys, count, begin); i < end; i++) {
         Sample s = samples[places[i]];
-        // factors of the first texel; swizzles rearrange them for other texels and fill in s4, which is 0
+        // factors of the first texel; swizzles rearrange the factors for other texels; s4 stays 0
         float8 w = 0.0f;
         w.lo = (float4)(1.0f - s.x, s.x, 1.0f - s.x, s.x) * (float4)(1.0f - s.y, 1.0f - s.y, s.y, s.y);
         w.s567 = errors[places[i] / 2].xyz;

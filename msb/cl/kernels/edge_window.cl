@@ -63,8 +63,8 @@ mask project_window(__constant View *view, vec3 a, vec3 b, vec3 c, Window *w)
 
     vec2 p = w->corners[0], q = w->corners[1], r = w->corners[2];
     // Small triangles always fail the inradius test below, because the inradius is at most half the radius.
-    // The shortcut excludes triangles with coincident corners, whose inradius is NaN.
-    // Most triangles of a captured scene are this small.
+    // The shortcut is not applied to triangles with coincident corners, because their inradius is NaN. Most
+    // triangles of a captured scene are small enough for the shortcut.
     mask tiny = (radius < 1.9f) & ((p.x != q.x) | (p.y != q.y)) & ((q.x != r.x) | (q.y != r.y)) &
                 ((p.x != r.x) | (p.y != r.y));
     dropped |= (radius > MAX_RADIUS) | (radius < 1.0f) | tiny;
@@ -146,7 +146,7 @@ Box contour_tiles(__constant View *view, const Window *w, real shrunk)
 }
 
 #if !ENGINE
-// Stores the values for blending in `f`; alpha is at least 1/255 where phi is at most `rim`.
+// Stores the values for blending in `f`. Samples with phi up to `rim` have an alpha of at least 1/255.
 void keep_window(__constant View *view, const Window *w, real rim, Faces *f)
 {
     for (int k = 0; k < 3; k++) {
@@ -200,7 +200,8 @@ mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sa
 }
 
 #if LANES == 8
-// Returns which row pairs y, y + 1 (one per lane) contain samples in the eight columns that begin at `left`.
+// Returns a mask of the row pairs y, y + 1 (one pair per lane) with samples.
+// Only the eight columns from `left` on are tested.
 // A pair contains samples if no edge has a positive distance at the innermost corner, allowing for rounding.
 mask reaches(FACE_POINTER f, float left, real y)
 {
@@ -219,7 +220,7 @@ mask reaches(FACE_POINTER f, float left, real y)
 
 // phi^sigma is computed as exp2(sigma log2 phi), and is 0 for phi = 0.
 // The clamp keeps exp2 in its valid range.
-// Below this range, alpha is under 1/255.
+// Arguments below the range give an alpha under 1/255.
 real window_power(real phi, float sigma)
 {
     real value = exp2_fast(greater(sigma * log2_fast(greater(phi, (real)1e-30f)), (real)-100.0f));

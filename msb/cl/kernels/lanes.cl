@@ -20,7 +20,7 @@ typedef int8 __attribute__((aligned(4))) loose_int8;
 #define LOWEST_BIT(x) __builtin_ctz(x)
 #define PREFETCH(p) __builtin_prefetch(p)
 // Prefetch into the second-level cache only.
-// The first-level cache has too few slots for all these pending lines, and its loads would be delayed.
+// The first-level cache has too few slots for all prefetched lines, so its loads would be delayed.
 #define PREFETCH_FAR(p) __builtin_prefetch(p, 0, 2)
 #else
 #define TO_INT(x) convert_int8(x)
@@ -60,7 +60,7 @@ float8 sqrt8(float8 a)
 #endif
 #endif
 
-// Returns the numbers at positions `i` of 16 numbers.
+// Returns the numbers at the indices `i` in an array of 16 numbers.
 #if defined(__clang__) && defined(__AVX2__)
 int8 one_of_16(__global const int *p, int8 i)
 {

@@ -4,8 +4,8 @@
 // Explicit vectors are 4 to 6 times as fast as PoCL's scalar code.
 // Four choices speed up inner loops.
 // Loops without calls of built-in functions are 1.4 times as fast.
-// Two rows at a time give a factor of 1.3.
-// Prefetching faces gives 1.2, and one test instruction instead of any() also gives 1.2.
+// Two rows at a time are 1.3 times as fast as one row. Prefetching faces is 1.2 times as fast, and one test
+// instruction is 1.2 times as fast as any().
 
 #define HALVES 2 // a row of a tile is two vectors wide
 #define PAIRS 8  // rows are processed in pairs, so that two independent chains of operations overlap
@@ -91,8 +91,8 @@ __kernel void BLEND(__constant View *view, __global const ulong *starts, __globa
     int left = column * TILE, top = (first_tile_row + band_row) * TILE;
 
 #if SHARES
-    // `blend` computes these values after its loop.
-    // In the loop they would occupy registers and cost a few percent.
+    // Without SHARES, the function `blend` computes the two values after its loop. In the loop, the values
+    // would occupy registers, and the loop would take a few percent longer.
     uint stride = view->columns * TILE;
     size_t plane = (size_t)stride * tile_rows * TILE;
 #endif

@@ -9,7 +9,7 @@
 #endif
 #define GROUP (TILE * TILE)
 
-// This is a union, because a compiler may miss stores of faces through pointers to words.
+// The union is needed because a compiler may miss stores of faces through pointers to words.
 typedef union {
     Face face;
     uint words[FACE_WORDS];

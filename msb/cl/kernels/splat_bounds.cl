@@ -4,7 +4,7 @@
 //
 // `bounds` has four rows of `stride` words: x, y and z of the centroid, and one word with two halves.
 // The halves are the largest distance of a corner from the centroid, and the inradius.
-// The two numbers are rounded up to the upper half of a float.
+// The two halves are numbers rounded up to the upper 16 bits of a float.
 
 #if LANES == 8
 #define HERE(p) (*(__global loose_float8 *)(p)) // values of consecutive faces

@@ -1,6 +1,6 @@
 // Code shared by the splatting kernels of all methods.
-// The shared code has the view, vectors in the official order of operations, and lanes.
-// Code with lanes serves both kernel styles, so a method needs only one coverage function.
+// The shared code covers the view, vector operations in the official order, and operations on lanes. Code
+// with lanes serves both kernel styles, so a method needs only one coverage function.
 //
 // Only the operation MAD is fused.
 // Depth keys, culling tests, tile rectangles and inside tests must round as in the official kernels.
@@ -265,7 +265,7 @@ vec3 load3(__global const float *p, const size_t *rows)
 // Computes ((ndc + 1) size - 1) / 2, which the official code evaluates in double and rounds once.
 // Pixel i has its centre at the integer i.
 // Here the result is the unevaluated sum of two floats: product and sum with their rounding errors.
-// This sum rounds to the same float, also on devices without double precision
+// The sum rounds to the same float as the official result, even on devices without double precision
 // (tests/render/test_splatting.py).
 real to_sample(real ndc, uint size)
 {
@@ -290,8 +290,8 @@ mask integer_of(real whole) { return as_int8(whole + MAGIC) - 0x4b400000; }
 #define integer_of(x) ((int)(x))
 #endif
 
-// Converts like a GPU: towards zero, saturating, NaN gives 0.
-// The result is at most `limit`.
+// Converts to an integer as CUDA does: rounds towards zero, saturates, and maps NaN to 0. The result is at
+// most `limit`.
 mask tile_number(real value, uint limit)
 {
     real clamped = value > 0.0f ? value : (real)0.0f;
@@ -299,7 +299,7 @@ mask tile_number(real value, uint limit)
     return integer_of(floor_small(clamped));
 }
 
-// Rounds up to an integer, then converts as above.
+// Like `tile_number`, but rounds up to an integer.
 mask tile_after(real value, uint limit)
 {
     real clamped = value > 0.0f ? value : (real)0.0f;
@@ -308,12 +308,12 @@ mask tile_after(real value, uint limit)
     return integer_of(whole < clamped ? whole + 1.0f : whole);
 }
 
-// Returns the samples of [low, high], clamped to the raster; NaN gives all samples.
+// Returns the samples of [low, high], clamped to the raster. If a bound is NaN, the box contains all samples.
 Box box_of(vec2 low, vec2 high, __constant View *view)
 {
     real w = (real)((float)view->width - 1.0f), h = (real)((float)view->height - 1.0f), zero = (real)0.0f;
     Box box;
-    // A bound beyond the raster makes the box empty.
+    // If the lower bound lies beyond the raster, the box is empty.
     real x0 = low.x > 0.0f ? (low.x < w ? low.x : w + 1.0f) : zero;
     real y0 = low.y > 0.0f ? (low.y < h ? low.y : h + 1.0f) : zero;
     box.x0 = integer_of(floor_small(x0 + 0.999f));

@@ -1,6 +1,6 @@
 // Sampling of triangles as in a game engine, by the rasterisation rules of graphics hardware.
 // msb/reference/engine.py defines this sampling, and explains why no polygon is clipped.
-// The order of operations is the same here.
+// Both files use the same order of operations.
 //
 // If ENGINE is 1, a method's kernel file includes this file after its struct Face, and calls project_engine.
 // The first member of Face is `float lines[LINES]`.
@@ -44,7 +44,7 @@ void hold_point(Raster r, real x, real y, real z, mask seen, vec2 *low, vec2 *hi
     high->y = (seen & (v > high->y)) ? v : high->y;
 }
 
-// The samples of the part of a triangle beyond the near plane.
+// The samples that the part of a triangle beyond the near plane covers.
 Box engine_box(__constant View *view, const vec3 *p)
 {
     Raster r = raster_of(view);
@@ -135,8 +135,9 @@ mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sa
 }
 
 #if LANES == 8
-// Returns which row pairs y, y + 1 (one per lane) contain samples in the eight columns that begin at `left`.
-// The innermost corner of those samples is tested, allowing for rounding.
+// Returns a mask of the row pairs y, y + 1 (one pair per lane) with samples.
+// Only the eight columns from `left` on are tested.
+// The test uses the innermost corner of these samples, and allows for rounding.
 mask reaches(FACE_POINTER f, float left, real y)
 {
     mask reached = (mask)-1;

@@ -2,8 +2,8 @@
 // One work-item takes `chunk` consecutive faces in groups, and skips groups whose sphere is out of view.
 // Faces that may be kept are queued and projected eight at a time; most views keep few faces.
 // Listed faces are written consecutively from the first position of the chunk.
-// There, they are coloured in groups of eight.
-// Tile lists refer to a face by this position, not by its row or its number.
+// The listed faces are then coloured in groups of eight. Tile lists refer to faces by these positions, not by
+// rows or face numbers.
 
 #define QUEUE 64 // a power of two
 #define AHEAD 40 // faces to prefetch

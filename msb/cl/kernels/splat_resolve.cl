@@ -1,10 +1,9 @@
 // Turns planes of raster samples into the pixels of a frame, for every method and style.
 //
-// The planes are 0..2 colour, 3 transmittance, 4 sum of weight times depth, 5..7 sum of weight times normal,
-// 8 median depth, 9 median face.
-// A pixel has `scale` x `scale` samples, and uses the samples first..last along each axis.
-// A box average uses all samples.
-// Bilinear interpolation at pixel centres uses the middle one or two along each axis.
+// Planes 0..2 are colour, and plane 3 is transmittance. Plane 4 is the sum of weight times depth. Planes 5..7
+// are the sum of weight times normal. Plane 8 is the median depth, and plane 9 is the median face. A pixel
+// has `scale` x `scale` samples, and uses the samples first..last along each axis. A box average uses all
+// samples. Bilinear interpolation at pixel centres uses the middle one or two samples along each axis.
 #pragma OPENCL FP_CONTRACT OFF
 
 typedef struct {

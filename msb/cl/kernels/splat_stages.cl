@@ -28,8 +28,8 @@ typedef ushort4 Tiles;
 
 typedef char face_has_the_size_the_host_allocates[sizeof(Face) == 4 * FACE_WORDS ? 1 : -1];
 
-// This is a union, because a compiler may miss numbers that are read through pointers to words.
-// A GPU moves words as integers, because integers are exact even if the GPU flushes subnormal floats.
+// The union is needed because a compiler may miss numbers that are read through pointers to words. A GPU
+// moves words as integers, because integers are exact even if the GPU flushes subnormal floats.
 #if LANES == 8
 typedef real word;
 #else
@@ -94,8 +94,8 @@ mask project_seen(const size_t *rows, const Source *source, __constant View *vie
 // With SHARES, blending writes no pixels, but sums the contribution of each entry of the tile lists.
 // Blending reads the planes that `spread` makes from an image (splat_resolve.cl).
 // List entry e has four sums from sums[4 e] on.
-// The sums are the image's red, green and blue weighted by alpha T, and the weight.
-// The host sets the sums to zero before.
+// The sums are the red, green and blue of the image, each weighted by alpha T, and the sum of the weights.
+// The host sets the sums to zero before the launch.
 #if SHARES
 #define BLEND share
 #define SUMS , __global float *sums

@@ -1,5 +1,5 @@
 // Faces of equal depth must be blended in order of their numbers.
-// Stored faces have another order (splat_order.cl), and the sort by depth preserves that order.
+// Faces are stored in another order (splat_order.cl), and the sort by depth keeps this order at equal depths.
 // Equal depths are rare, so the order of such faces is corrected after the sort.
 
 #define LONGEST_RUN 32

@@ -1,5 +1,5 @@
 // The opaque z-buffer on a CPU within a tile.
-// Eight triangles at once are drawn into depths and slots (triangle numbers).
+// The code draws eight triangles at once into planes of depths and slots (triangle numbers).
 
 #define TINY (7 * UNIT)     // maximum extent of a triangle for edge functions in int32
 #define MEDIUM SMALL_EXTENT // maximum extent of a triangle for edge functions divided by UNIT in int32
@@ -14,7 +14,8 @@ typedef struct {
     __global int *slot;    // slot (number) of the nearest triangle
     __global float *far;   // the farthest depth in each block of pixels
     int occludes;          // whether any farthest depth is not 0
-    // approximate number of small triangles drawn since the last `measure`, and the limit for the next one
+    // approximate number of small triangles drawn since the last `measure`, and the number that triggers the
+    // next `measure`
     int work, limit;
     int stride;
     int x0, y0, x1, y1;    // range of pixels of the image, ends excluded
@@ -70,7 +71,7 @@ void measure(Tile *t)
         t->limit *= 2;
 }
 
-// Keep the nearer surface at eight pixels of a row; return where depths are equal.
+// Keep the nearer surface at eight pixels of a row. Return a mask of the pixels with equal depths.
 int8 keep(const Tile *t, int at, float8 depth, int slot)
 {
     float8 old = LOAD(t->depth + at, 0);
@@ -88,7 +89,7 @@ void settle(const Tile *t, int at, float depth, int slot)
 }
 
 // With an alpha cutoff, reject pixels with a texture alpha below the cutoff.
-// Pixels behind `old` need no test.
+// Pixels behind the depth `old` need no test.
 #if COLORS == TEXTURES && CUTOFF
 float8 cut(const Tile *t, int8 slot, int8 x, int8 y, float8 depth, float8 old, __constant float *view)
 {
@@ -104,7 +105,7 @@ float8 cut(const Tile *t, int8 slot, int8 x, int8 y, float8 depth, float8 old, _
 #define CUT(depth, slot, x, y, old)
 #endif
 
-// Draw a triangle of any size, including one that must be clipped, in spans of pixels, row by row.
+// Draw a triangle of any size in spans of pixels, row by row. The triangle may need clipping.
 void draw_outline(Tile *t, int slot, __constant float *view)
 {
     const int8 lane = (int8)(0, 1, 2, 3, 4, 5, 6, 7);
@@ -115,8 +116,8 @@ void draw_outline(Tile *t, int slot, __constant float *view)
             continue;
         if (t->occludes && hidden(t, s.x0, s.y0, s.x1, s.y1, o.high))
             continue;
-        // If the whole box is inside an edge, no division is needed.
-        // If the whole box is outside an edge, the triangle covers no pixel.
+        // If the whole box is on the inner side of an edge, no division is needed. If the whole box is on the
+        // outer side of an edge, the triangle covers no pixel.
         int cuts[3], outside = 0;
         for (int i = 0; i < 3; i++) {
             long down = s.dx[i] * (s.y1 - s.y0), right = -s.dy[i] * (s.x1 - s.x0);
@@ -199,7 +200,7 @@ void draw_block(Tile *t, int block, __constant float *view)
     int8 v_low = min8i(min8i(V0, V1), V2), v_high = max8i(max8i(V0, V1), V2);
 
     // Select pixels with their centre in the box of the triangle.
-    // Most small triangles have no such pixel in this tile.
+    // Most small triangles contain no pixel centre of this tile.
     int8 x0 = max8i((u_low + (HALF - 1)) >> SUBPIXEL_BITS, (int8)t->x0);
     int8 y0 = max8i((v_low + (HALF - 1)) >> SUBPIXEL_BITS, (int8)t->y0);
     int8 w = min8i((u_high - HALF) >> SUBPIXEL_BITS, (int8)(t->x1 - 1)) - x0;

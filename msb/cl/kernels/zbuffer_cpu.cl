@@ -109,9 +109,8 @@ typedef struct {
 #if COLORS == TEXTURES
 #define SIGHTS 32 // groups of eight pixels in a row of the widest tile
 
-// Find the texture positions of a row of pixels of a tile, and prefetch their texels.
-// The steps are long dependency chains.
-// Each step is done for the whole row, so that the processor overlaps several chains.
+// Find the texture positions for one pixel row of a tile, and prefetch the texels. The steps are long
+// dependency chains. Each step is done for the whole row, so that the processor overlaps several chains.
 void look_ahead(const Tile *t, __constant float *view, int y, Place *places, Sight *sights)
 {
     const float8 lane = (float8)(0, 1, 2, 3, 4, 5, 6, 7);
@@ -273,7 +272,7 @@ void shade(const Tile *t, __constant float *view, __global const float *colors, 
 // ---- the image
 
 // Draw the clusters of `list` that reach the tile, from near to far.
-// The array `list` has room for twice its length.
+// The array `list` has memory for 2 n entries.
 void draw_list(Tile *t, __global int *list, int n, __global const int *rects, __global const float *nearest,
     int stride, int blocks, __constant float *view)
 {

@@ -56,7 +56,7 @@ void hit(const Target *t, int x, int y, float depth, uint slot, __constant float
     ulong key = (ulong)as_uint(depth) << 32 | ~slot;
     __global ulong *place = (__global ulong *)pixel;
     // Keys only grow, so an earlier read suffices to reject a pixel.
-    // Most hidden pixels end here.
+    // This test rejects most hidden pixels.
     if (key > *(volatile __global ulong *)place && IS_THERE(t, x, y, slot, view))
         atom_max(place, key);
 #else
@@ -104,8 +104,8 @@ __kernel void clear(__global uint2 *pixels, __global int *listed, uint count)
 
 // The kernel has one work-item per triangle.
 // `list` gets the slots for `listed_triangles`.
-// Triangles for one work-group start at the front, and triangles for several work-groups start at the end.
-// `listed` counts both kinds.
+// Triangles for one work-group fill the list from the front, and triangles for several work-groups from the
+// end. `listed` has the counts of both kinds of triangles.
 __kernel void triangles(__global const float *records, __constant float *view, __global uint *pixels,
     __global uint *list, __global int *listed, uint slots, int width, int height, int pass DRAWN_TEXTURES)
 {

@@ -9,7 +9,7 @@
 // msb/render/standard/triangles.py defines SUBPIXEL_BITS, WORDS (floats per record) and the values of COLORS.
 // Colours of the kinds BYTES_OF_CORNERS and FLOATS_OF_FACE are stored in the record.
 // FLOATS_OF_CORNERS has nine floats per face in a separate buffer.
-// TEXTURES is explained in zbuffer_texture.cl; it includes CUTOFF if alpha decides visibility.
+// zbuffer_texture.cl explains the kind TEXTURES. With TEXTURES, CUTOFF is 1 if alpha decides visibility.
 #define UNIT (1 << SUBPIXEL_BITS) // unit of screen coordinates, 1/4096 pixel
 #define HALF (UNIT / 2)
 #define SMALL_EXTENT (64 * UNIT) // maximum extent of triangles that a CPU draws eight at once
@@ -20,7 +20,7 @@
 
 // Very distant geometry is computed in double precision if the device supports it.
 // A million units away, float32 resolves a corner only to 0.06.
-// Nearby planes and edges would be arbitrary.
+// Planes and edges of triangles with distant corners would be wrong near the camera.
 #define FAR 1024.0f       // scene units from the camera, along any axis
 #define UNCERTAIN 1024.0f // maximum ratio between the terms of a determinant and its value, for float32
 #ifdef cl_khr_fp64
@@ -82,7 +82,7 @@ typedef float real;
 
 // Transform from world to camera: (fx UNIT x, fy UNIT y, z).
 // The centre is subtracted first.
-// Near the camera these differences are nearly exact, at any distance from the origin.
+// Near the camera, the differences to the centre are nearly exact, at any distance from the origin.
 #define TO_CAMERA(view, a, b, c, X, Y, Z)                                                                       \
     {                                                                                                           \
         a -= view[CENTER];                                                                                      \
@@ -95,10 +95,9 @@ typedef float real;
 
 // 1 / z is affine on the screen.
 // With the plane's normal n and d = n . corner, 1 / z is (n . (u, v, 1)) / d.
-// The coordinates u and v are in units from the principal point.
-// A and B are the slopes of 1 / z per unit.
-// The edge vectors start at the corner with the least depth.
-// Edge vectors from a corner far away are nearly parallel, and rounding would tilt their plane.
+// The coordinates u and v are distances from the principal point, in steps of 1/4096 pixel. A and B are the
+// slopes of 1 / z per unit. The edge vectors start at the corner with the least depth. Edge vectors from a
+// corner far away are nearly parallel, and rounding would tilt their plane.
 #define NEARER(za, zb, a, b) (fabs(za) < fabs(zb) ? (a) : (b))
 #define DEPTH_PLANE(REAL, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, A, B, C)                                          \
     REAL A, B, C;                                                                                               \
@@ -138,8 +137,8 @@ void to_camera(__global const float *corner, __constant float *view, real *to)
 }
 
 // Return the corner nearest to the camera, with the edge vectors to the next and the last corner.
-// The edge vectors of another corner may be nearly parallel.
-// Differences of floats are exact in double precision.
+// From any other corner, the edge vectors may be nearly parallel. Differences of floats are exact in double
+// precision.
 int from_nearest(__global const float *record, __constant float *view, real *origin, real *next, real *last)
 {
     int nearest = 0;
@@ -265,8 +264,8 @@ int clip(float *x, float *y, float *z, real (*wide)[3], __constant float *view)
 }
 
 // Returns whether float32 is too inaccurate for the plane of a triangle with a corner `far` away.
-// If so, `plane` gets the plane in double precision.
-// The plane is computed in world axes, in which differences of corners are exact.
+// If float32 is too inaccurate, `plane` gets the plane in double precision. The plane is computed in world
+// axes, in which differences of corners are exact.
 int is_wide(__global const float *record, float far, __constant float *view, real *plane)
 {
     real o[3], a[3], b[3], size = 0.0f;
@@ -355,10 +354,9 @@ Outline make_outline(__global const float *record, __constant float *view)
 
 // Edge functions of one triangle in exact integers, which are negative outside.
 // On an edge the function is 0.
-// The sample then belongs to the triangle only if the edge is a left or top edge.
-// Therefore exactly one of two triangles that share an edge takes the sample.
-// The values are divided by UNIT.
-// Division keeps the sign, because steps of a pixel are multiples of UNIT.
+// A sample on an edge belongs to the triangle only if the edge is a left or top edge. Therefore exactly one
+// of two triangles that share an edge takes the sample. The values are divided by UNIT. Division keeps the
+// sign, because steps of a pixel are multiples of UNIT.
 typedef struct {
     long e[3];        // value at the centre of pixel (x, y)
     long dx[3], dy[3]; // e changes by -dy per pixel to the right, by +dx per pixel downwards
@@ -400,9 +398,9 @@ Edges make_edges(const Outline *o, int k, int left, int top, int right, int bott
 // ---- colours
 
 // Weights of the corners where the ray meets the plane of the triangle (Moeller and Trumbore 1997).
-// The stored corners are used, not the snapped ones.
-// Snapping may put a sample outside, so the weights are clamped to the triangle.
-// A triangle seen edge-on has no weights, so its first corner gets weight 1.
+// The weights refer to the stored corners, which are not snapped. Snapping may leave a sample outside the
+// stored triangle, so the weights are clamped to the triangle. A triangle seen edge-on has no weights, so its
+// first corner gets weight 1.
 #define WEIGHTS(REAL, view, c0, c1, c2, c3, c4, c5, c6, c7, c8, px, py, w, u, v)                                \
     REAL w, u, v;                                                                                               \
     {                                                                                                           \
@@ -441,7 +439,7 @@ Edges make_edges(const Outline *o, int k, int left, int top, int right, int bott
 
 // Computes the weights in double precision, from the corner nearest to the camera.
 // Double precision is used for long triangles that float32 handles inaccurately.
-// Such a triangle is nearly parallel to the ray, or two of its edges are nearly parallel.
+// Float32 is inaccurate if a triangle is nearly parallel to the ray, or if two edges are nearly parallel.
 // Return whether the triangle requires double precision.
 int wide_weights(__global const float *record, __constant float *view, real px, real py, float *weights)
 {

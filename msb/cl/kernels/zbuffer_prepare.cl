@@ -7,8 +7,8 @@
 #define TEXTURE_ARGUMENTS
 #endif
 
-// This file runs once per asset.
-// These kernels make the triangle records of the z-buffer (zbuffer_math.cl), and the boxes of clusters.
+// The kernels run once per asset. These kernels make the triangle records of the z-buffer (zbuffer_math.cl),
+// and the boxes of clusters.
 
 // Spread the low ten bits of x, with two zero bits before each bit.
 uint spread(uint x)

@@ -12,7 +12,7 @@
 //   row 2 + 5t  texture t: width, height, last level; the next four rows: first texels of levels 0 to 15
 
 // msb/render/standard/texels.py defines FIRST_ROW, TEXTURE_ROWS and the wrap modes CLAMPED and MIRRORED.
-// Other wrap modes mean repeat.
+// All other values of a wrap mode mean repeat.
 #define TINT_WORDS 12
 // Inlining moves values that are constant along a row out of the loops.
 #if LANES == 8 && defined(__clang__)
@@ -52,7 +52,7 @@ typedef int8 ints;
 #define GATHER(type, p, i)                                                                                      \
     (type)((p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3], (p)[(i).s4], (p)[(i).s5], (p)[(i).s6], (p)[(i).s7])
 #define ROW_OF(p, words, slot, lane, i) LOAD((p) + (size_t)(slot).s##lane * (words) + (i), 0)
-// Eight words of each of eight records, starting at word i.
+// Loads words i to i + 7 of eight records.
 #define EIGHT_WORDS(p, words, slot, i, w)                                                                       \
     {                                                                                                           \
         w[0] = ROW_OF(p, words, slot, 0, i), w[1] = ROW_OF(p, words, slot, 1, i);                               \
@@ -157,16 +157,16 @@ Image image_of(const Textures *t, ints slot)
     return image;
 }
 
-// The texels read in a level: the upper left of four texels, and the offset of the lower two.
-// Three weights follow: of the upper texels, of the lower texels, and of the right texel in each pair.
+// The texels read in a level: the upper left texel of four, and the offset to the lower two texels. Three
+// weights follow: for the upper texels, for the lower texels, and for the right texel in each pair.
 typedef struct {
     ints at, below;
     floats upper, lower, right;
 } Taps;
 
 // The weighted texels of a level, times a share; u, v are already mapped into the texture.
-// Each level has an extra column and row with the texels that blend with its last ones.
-// The four texels are therefore always neighbours.
+// Each level has an extra column and row, which hold the neighbours of the last texels. The four texels are
+// therefore always neighbours.
 Taps taps_of(const Textures *t, const Image *image, ints level, floats u, floats v, floats share)
 {
     Taps taps;
@@ -223,9 +223,8 @@ INLINED void add_taps(__global const ushort4 *texels, const Taps *taps, floats *
 
 // Weights of the second and third corner at a sample, and the steps of these weights per pixel along x and y.
 // The order is w[0], w[1], w[0] along x, w[1] along x, w[0] along y, w[1] along y.
-// Computes the weights as in WEIGHTS.
-// The volumes are products of the ray with constant vectors of the face.
-// The steps of the volumes follow from the steps of the ray.
+// Computes the weights with the formula of the macro WEIGHTS. The volumes are products of the ray with
+// constant vectors of the face. The steps of the volumes follow from the steps of the ray.
 void weights_and_steps(const floats *c, __constant float *view, floats px, floats py, floats *w)
 {
     floats ax = c[3] - c[0], ay = c[4] - c[1], az = c[5] - c[2];

@@ -20,7 +20,7 @@ FAITHFUL = 45.0
 
 @dataclass(frozen=True)
 class Measurement:
-    """How closely a browser reproduces the test views of a page.
+    """The accuracy with which a browser reproduces the test views of a page.
 
     Attributes
     ----------

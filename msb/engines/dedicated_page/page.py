@@ -38,7 +38,7 @@ _GUARANTEED = Limits(binding=1 << 27, buffer=1 << 28, side=8192)
 # Limits of most desktop graphics cards. The page requests the limits that it needs, and reports an error if
 # the limits of the device are lower.
 _LARGER = Limits(binding=1 << 30, buffer=1 << 31, side=8192)
-# Number of chunks of faces that are blended one after the other (see `program.STOPS`). The page has fewer
+# Number of face chunks, which are blended one after the other (see `program.STOPS`). The page has fewer
 # chunks than the renderer, because the pass before each chunk reads all samples, which is slow in browsers.
 STOPS = 8
 # The combinations of face order and sampling that a page offers.
@@ -179,12 +179,13 @@ def make_page(
     ----------
     asset : Asset
         The asset, which may be reduced.
-    name, cameras, up, background
-        As for `webpage.scene_to_json`.
+    name, cameras, up, background : see `webpage.scene_to_json`
     settings : mapping
         Settings that replace the settings in the asset.
-    tests, against
-        The test views, and a text that names the source of their images.
+    tests : sequence of CheckView
+        The test views.
+    against : str
+        The source of the images in the test views.
     costs : sequence of Cost
         The reductions that were applied to `asset`, with their losses.
     all_faces : int, optional
@@ -223,7 +224,7 @@ def make_page(
         for buffer, array in plan.data.items():
             same = buffer in first.data and np.array_equal(array, first.data[buffer])
             names[buffer] = buffer if same else arrays.add(f"{buffer}, {order}, {sampling}", array)
-        # The list `modules` stores equal WGSL texts once. A plan stores indices into this list.
+        # The list `modules` stores equal WGSL texts once. A plan stores indices into the list `modules`.
         record = plan.record()
         modules += [text for text in record["modules"].values() if text not in modules]
         record["modules"] = {key: modules.index(text) for key, text in record["modules"].items()}
@@ -285,8 +286,8 @@ def _make_plans(packed: Packed, limits: Limits, name: str) -> dict[tuple[Order, 
 def _describe_record(packed: Packed) -> dict[str, Any]:
     """Return the layout of the uniform buffer for a camera. The page fills the uniform buffer for each frame.
 
-    `members` describes each member of the buffer by name, type, number of values and byte offset. The members
-    of the method come last, and `own` has their values. `near` and `far` are the planes of the official
+    `members` describes each member of the buffer by name, type, number of values and byte offset. The
+    method's members come last; their values are in `own`. `near` and `far` are the planes of the official
     projection.
     """
     model = packed.model
@@ -368,8 +369,8 @@ def _orbit_sphere(asset: Asset) -> dict[str, Any]:
 
 
 def _required_limit(buffers: Iterable[tuple[int, tuple[str, ...]]], maximum: int, guaranteed: int) -> int:
-    """Return the device limit to request: the size of the largest buffer, clamped to the range `guaranteed`
-    to `maximum`."""
+    """Return the limit to request from the device: the largest buffer size, but at least `guaranteed` and at
+    most `maximum`."""
     return min(maximum, max(guaranteed, *(size for size, _ in buffers)))
 
 
@@ -400,7 +401,7 @@ def _shrink_factor(stored: NDArray[np.float32], plan_positions: NDArray[np.float
 def _describe_standard_mesh(
     asset: Asset, packed: Packed, values: Mapping[str, Any], arrays: _Arrays
 ) -> dict[str, Any]:
-    """Return the description of the standard-tier mesh for the page: the names of the arrays of the mesh.
+    """Describe the standard-tier mesh for the page, by the names of the mesh arrays.
 
     `grey` is true if the method has no static colours. `shown` is the array that marks the selected faces, or
     None if all faces are selected.

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from msb.asset import Asset
 from msb.engines.dedicated_page.storage import CHUNK, LEVELS, find_exponents
 
-# Largest extent of a chunk of positions in grid steps. The extent is below 65,535, because rounding may add
-# one step.
+# Largest extent of a position chunk, in grid steps. The extent is below 65,535, because rounding may add one
+# step.
 GRID = 65000
 # Buffers whose values are rounded to 256 values per column.
 _ROUNDED = ("f_dc", "f_rest", "opacity", "sigma")
@@ -38,8 +38,8 @@ def quantise(asset: Asset) -> Asset:
     """
     buffers = dict(asset.buffers)
     _reorder_along_curve(asset, buffers)
-    # Round the positions (V, 3) to multiples of the step of their chunk, a power of two. Adding 0 changes -0
-    # to 0.
+    # Round the positions (V, 3) to multiples of a step. The step of a chunk is a power of two. Adding 0
+    # changes -0 to 0.
     positions = buffers["positions"]
     steps = np.exp2(find_exponents(positions, GRID).astype(np.float64))[
         np.arange(len(positions)) // CHUNK, None
@@ -59,8 +59,8 @@ def quantise(asset: Asset) -> Asset:
 def _round_to_levels(values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return values (N,) rounded to 256 levels.
 
-    The density of the levels is the cube root of the density of the values. The cube root minimises the
-    squared error (Panter and Dite, 1951). The minimum and the maximum of the values do not change.
+    The levels are distributed with the cube root of the value density. The cube root minimises the squared
+    error (Panter and Dite, 1951). The minimum and the maximum of the values do not change.
     """
     finite = values[np.isfinite(values)]
     if not len(finite):
@@ -68,7 +68,7 @@ def _round_to_levels(values: NDArray[np.float32]) -> NDArray[np.float32]:
     low, high = float(finite.min()), float(finite.max())
     if (len(values) <= _FEW or low == high) and len(np.unique(values)) <= LEVELS:
         return values
-    # Space the levels equally in the integral of the cube root of the histogram.
+    # Integrate the cube root of the histogram, and space the levels equally in this integral.
     edges = np.linspace(low, high, _BINS + 1)
     count = np.histogram(finite, edges)[0].astype(np.float64)
     integral = np.concatenate([[0], np.cumsum(np.cbrt(count))])
@@ -104,10 +104,10 @@ def _reorder_along_curve(asset: Asset, buffers: dict[str, NDArray[Any]]) -> None
 
 
 def _morton_keys(points: NDArray[np.float32]) -> NDArray[np.uint64]:
-    """Return the positions (N,) of points (N, 3) along a Morton curve, with 16 bits per axis.
+    """Return the index (N,) of each point (N, 3) along a Morton curve, with 16 bits per axis.
 
-    The curve fills a box from the 1st to the 99th percentile of each coordinate. A few distant faces cannot
-    reduce the resolution of the curve.
+    The curve fills a box from the 1st to the 99th percentile of each coordinate. The percentiles
+    exclude a few distant faces, which would reduce the resolution of the curve.
     """
     low, high = np.quantile(points, [0.01, 0.99], axis=0)
     share = np.clip((points - low) / np.maximum(high - low, 1e-30), 0, 1)
@@ -121,7 +121,7 @@ def _morton_keys(points: NDArray[np.float32]) -> NDArray[np.uint64]:
 
 
 def select_faces(asset: Asset, faces: NDArray[np.integer[Any]]) -> Asset:
-    """Return `asset` with only the faces numbered `faces`, in this order, and with their vertices."""
+    """Return `asset` reduced to the faces with the indices `faces`, in this order, and to their vertices."""
     buffers = dict(asset.buffers)
     indices = buffers["indices"][faces].astype(np.int64)
     vertices, number = np.unique(indices, return_inverse=True)

@@ -5,9 +5,12 @@ The key `how` of the head names the encoding of the stream:
 
 - "plain": the values. If `delta` is set, integers are stored as differences between consecutive rows, modulo
   2^32.
+
 - "palette": for columns with at most 256 distinct values: 8-bit codes of all columns, then 256 values per
   column.
+
 - "rows": for at most 65,536 distinct rows: codes of the rows, then the distinct rows.
+
 - "grid": for three float32 columns: 16-bit codes, then an origin and a step for each chunk of 192 rows. The
   values are origin + code * step.
 
@@ -169,9 +172,9 @@ def _as_rows(table: NDArray[np.float32]) -> tuple[dict[str, Any], list[bytes]] |
 def find_exponents(table: NDArray[np.float32], codes: int) -> NDArray[np.int32]:
     """Return the exponent e of the grid step 2**e for each chunk of rows.
 
-    The exponent is the smallest number that meets two conditions. First, `codes` steps are at least as long
-    as the range of values in the chunk. Second, float32 can represent every multiple of the step within this
-    range exactly.
+    The exponent is the smallest number that meets two conditions. First, `codes` steps together cover the
+    range of values in the chunk. Second, float32 can represent every multiple of the step within this range
+    exactly.
     """
     # Chunks (n, 192, columns); the last chunk is padded with its last row.
     chunks = -(-len(table) // CHUNK)

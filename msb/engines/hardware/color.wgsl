@@ -3,7 +3,7 @@
 // Returns max(0.5 + sum_k B_k(d) k_k, 0) with d = (p - c) / |p - c|, as in all methods (GaodeRender/triangle-splatting:
 // submodules/diff-triangle-rasterization-2D/src/forward.cu, and copies of it).
 // A row of f_rest has red, green, blue of coefficient 1, then of coefficient 2, and so on.
-// `row` is relative to the bound part of f_rest.
+// `row` counts from the first row in the bound part of f_rest.
 fn term(start: u32, number: u32, basis: f32) -> vec3<f32> {
     let at = start + 3u * number - 3u;
     return basis * vec3<f32>(f_rest[at], f_rest[at + 1u], f_rest[at + 2u]);

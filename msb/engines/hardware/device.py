@@ -41,7 +41,7 @@ class Band:
 def split_into_bands(width: int, height: int, scale: int, side: int, room: int) -> list[Band]:
     """Return the bands that cover a frame of `width` x `height` pixels.
 
-    A band has at most `room` pixels. Its width and height are at most `side` samples; a pixel has `scale`
+    A band has at most `room` pixels. A band is at most `side` samples wide and high; a pixel has `scale`
     samples along each axis.
     """
     columns = min(width, side // scale, room)
@@ -140,7 +140,7 @@ class DevicePlan:
         """Create the textures and buffers for frames with these bands, the largest band first."""
         self.bands = bands
         self._groups = {key: group for key, group in self._groups.items() if key[0] < len(self._plan.passes)}
-        # The uniform buffer has a slot for each band: x, y, width, height, and the number of the first output
+        # The uniform buffer has a slot for each band: x, y, width, height, and the index of the first output
         # value.
         rows = np.zeros((len(bands), SLOT // 4), np.uint32)
         for row, band in zip(rows, bands, strict=True):
@@ -194,8 +194,10 @@ class DevicePlan:
         }
 
     def stages(self) -> list[tuple[str, list[tuple[int, int]]]]:
-        """Return the stages of a frame in order. A stage is its name and a list of pairs (step number, band
-        number)."""
+        """Return the stages of a frame in order.
+
+        A stage consists of a name and a list of pairs (step number, band number).
+        """
         first = len(self._plan.passes)
         order = [(number, 0) for number in range(first)]
         order += [(number, k) for k in range(len(self.bands)) for number in range(first, len(self._steps))]
@@ -208,8 +210,8 @@ class DevicePlan:
     ) -> None:
         """Encode the steps of one stage.
 
-        `timed` is a query set with the numbers of the start query and the end query. Consecutive compute
-        steps share a compute pass; every draw step is a separate render pass.
+        `timed` holds a query set, the index of the start query, and the index of the end query. Consecutive
+        compute steps share a compute pass; every draw step is a separate render pass.
         """
         # Group the steps into compute and render passes.
         passes: list[list[tuple[int, int]]] = []

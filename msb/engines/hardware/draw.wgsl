@@ -36,7 +36,7 @@ BETWEEN_COPIES
 }
 
 #if Z_BUFFER
-// At equal depths the face that is drawn first is kept; it has the lower number.
+// At equal depths, the z-buffer keeps the face with the lower index, because this face is drawn first.
 struct Nearest {
     @builtin(frag_depth) depth: f32,
     @location(0) face: u32, // number + 1
@@ -74,15 +74,16 @@ struct Targets {
 // The sample is then complete.
 // Hardware cannot read T while it blends, so faces are drawn in chunks.
 // A fragment only knows T at the start of its chunk.
-// The T of the fragment is at least the current T, so the official renderer skips the same faces, and possibly more.
-// Instead of a skipped face, the background is blended with alpha 1.
-// The background fills the sample, so the hardware multiplies all later faces of the sample by 0.
+// The T of the fragment is at least the current T. The official renderer therefore skips every face that the
+// shader skips, and possibly further faces. Instead of a skipped face, the background is blended with alpha
+// 1. The background fills the sample, so the hardware multiplies all later faces of the sample by 0.
 @group(0) @binding(2) var covered: texture_2d<f32>; // 1 - T
 #endif
 
 @fragment
 fn blend(between: Between) -> Targets {
-    // The centre of sample (i, j) is (i, j) in our coordinates, and (i + 0.5, j + 0.5) in the hardware's.
+    // The centre of sample (i, j) is (i, j) in our coordinates, and (i + 0.5, j + 0.5) in hardware
+    // coordinates.
     let sample = floor(between.place.xy) + vec2<f32>(band.first * SCALE);
     let seen = cover(Face(FACE_VALUES), sample.x, sample.y);
     if (!(seen.alpha >= MIN_ALPHA)) {

@@ -2,11 +2,10 @@
 // The order of operations is that of msb/reference/engine.py.
 // The file of a method includes this file if ENGINE is defined.
 //
-// A quad is drawn.
-// A sample belongs to the triangle if all three values (barycentric coordinate / depth) are positive.
-// These values and 1 / depth are affine on the screen, and all three are negative for points behind the camera.
-// The triangle therefore needs no clipping.
-// The result does not depend on how hardware clips, snaps corners or breaks ties at edges.
+// Each triangle is drawn as a quad. A sample belongs to the triangle if all three values (barycentric
+// coordinate / depth) are positive. These values and 1 / depth are affine on the screen, and all three are
+// negative for points behind the camera. The triangle therefore needs no clipping. The result does not depend
+// on how hardware clips, snaps corners or breaks ties at edges.
 
 const ENGINE_NEAR = 0.01;
 const ENGINE_SLACK = 0.1; // margin of the box around the corners in samples, larger than rounding errors
@@ -19,9 +18,8 @@ struct EngineTriangle {
     samples: vec4<i32>,
     weight: vec3<f32>,
     // Coefficients of four affine functions of a sample's x and y.
-    // Three functions are barycentric coordinates / depth, times `weight`.
-    // At the centre, the smallest of the three values is 1 / depth.
-    // The fourth function is 1 / depth.
+    // Three functions are the barycentric coordinates, divided by depth and multiplied by `weight`. At the
+    // centre, the smallest of the three values is 1 / depth. The fourth function is 1 / depth.
     along_x: vec4<f32>,
     along_y: vec4<f32>,
     constant: vec4<f32>,
@@ -45,7 +43,8 @@ fn set_line(k: i32, n: vec3<f32>, scale: f32, t: ptr<function, EngineTriangle>) 
     (*t).constant[k] = mul(keep(keep(n.z - mul(along.x, middle.x)) - mul(along.y, middle.y)), scale);
 }
 
-// Returns the box of the samples that a triangle, given in camera space, covers after clipping at the near plane.
+// Returns the box of the samples that a triangle covers after clipping at the near plane. The corners are in
+// camera space.
 fn engine_box(p: array<vec3<f32>, 3>) -> vec4<i32> {
     let step = ray_step();
     let middle = ray_middle();

@@ -3,9 +3,9 @@
 // WGSL allows a compiler to fuse products into sums, and some compilers also reorder sums.
 // A depth key, an edge distance or a tile rectangle then differs in its last bit.
 // As a result, a face is blended in another order, or is missing in a whole tile.
-// `keep` prevents such errors.
-// The function computes the exclusive or of a value and a 0 from the uniform buffer.
-// The compiler cannot know the 0, so it must compute and round the value at this point.
+// The function `keep` prevents these rounding differences. The function computes the exclusive or of a value
+// and a 0 from the uniform buffer. The compiler cannot know the 0, so it must compute and round the value at
+// this point.
 #include "view.wgsl"
 
 fn keep(x: f32) -> f32 { return bitcast<f32>(bitcast<u32>(x) ^ view.zero); }
@@ -83,7 +83,8 @@ fn rotate_to_camera(v: vec3<f32>) -> vec3<f32> {
 
 // Returns ((ndc + 1) size - 1) / 2: the centre of pixel i is the integer i.
 // The official code computes this in double precision and rounds once.
-// Here the result is the sum of two floats, with the rounding errors of product and sum.
+// In this file, the result is the sum of two floats: a rounded value, and the rounding errors of product and
+// sum.
 fn to_sample(ndc: f32, size: u32) -> f32 {
     let n = f32(size);
     let m = n - 1.0;
@@ -97,24 +98,25 @@ fn to_sample(ndc: f32, size: u32) -> f32 {
 
 // ---- tiles and boxes of samples: (x0, y0, x1, y1)
 
-// Converts to an integer like the GPUs of the official kernels: towards zero, saturating, 0 for NaN; at most `limit`.
+// Converts to an integer as CUDA does: rounds towards zero, saturates, and maps NaN to 0. The result is at
+// most `limit`.
 fn tile_number(value: f32, limit: u32) -> i32 {
     let low = select(0.0, value, value > 0.0);
     return i32(floor(select(f32(limit), low, low < f32(limit))));
 }
 
-// Returns the integer of `tile_number`, but rounded up.
+// Like `tile_number`, but rounds up to an integer.
 fn tile_after(value: f32, limit: u32) -> i32 {
     let low = select(0.0, value, value > 0.0);
     return i32(ceil(select(f32(limit), low, low < f32(limit))));
 }
 
 // Returns the box of the samples in [low, high], clamped to the raster; both ends are inclusive.
-// NaN gives all samples.
+// If a bound is NaN, the box contains all samples.
 fn box_of(low: vec2<f32>, high: vec2<f32>) -> vec4<i32> {
     let w = f32(view.width) - 1.0;
     let h = f32(view.height) - 1.0;
-    // A lower end outside the raster means an empty box.
+    // If the lower bound lies beyond the raster, the box is empty.
     let x0 = select(0.0, select(w + 1.0, low.x, low.x < w), low.x > 0.0);
     let y0 = select(0.0, select(h + 1.0, low.y, low.y < h), low.y > 0.0);
     let x1 = select(w, select(-1.0, high.x, high.x >= 0.0), high.x < w);

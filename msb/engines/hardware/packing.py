@@ -51,7 +51,7 @@ class Packed:
     faces, vertices : int
         The numbers of faces and of vertices.
     arrays : mapping of str to ndarray
-        `positions`, `coverage`, and for indexed meshes `indices`. For blended methods also the spherical
+        `positions`, `coverage`, and for indexed meshes `indices`. Blended methods also have the spherical
         harmonics `f_dc` and `f_rest` (a single zero at degree 0).
     surface : Surface, optional
         The same object as `model` if the model is drawn with a z-buffer, else None.
@@ -62,7 +62,8 @@ class Packed:
     scale : int
         Samples per pixel along each axis.
     pixel_samples : (int, int)
-        The first and the last sample along each axis, both inclusive, whose average is a pixel.
+        Indices of the first and the last sample along each axis, both inclusive. The average of these samples
+        is the pixel.
     defines : mapping
         Definitions for the preprocessor of the WGSL.
     """
@@ -122,7 +123,10 @@ def pack(asset: Asset, settings: Mapping[str, Any] | None) -> Packed:
 
 
 def make_native_model(asset: Asset, values: Mapping[str, Any]) -> SplatModel | Surface:
-    """Return the model of the native rendering. `values` are the settings; the errors are those of `pack`."""
+    """Return the model of the native rendering.
+
+    The mapping `values` contains the settings. The function raises the same errors as `pack`.
+    """
     native: Any = role(asset.manifest.method, "native")
     return (
         native.surface_model(asset, values) if hasattr(native, "surface_model") else make_model(asset, values)
@@ -165,5 +169,5 @@ def _pack_surface(asset: Asset, values: Mapping[str, Any]) -> Packed:
 
 
 def _unsupported(asset: Asset) -> Unsupported:
-    text = f"renderer wgpu cannot draw {asset.manifest.method} on tier dedicated: its package has no WGSL"
+    text = f"renderer wgpu cannot draw {asset.manifest.method} on tier dedicated: the package has no WGSL"
     return Unsupported("UNSUPPORTED_TIER", text, file=asset.opened_from)

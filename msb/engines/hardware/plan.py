@@ -14,8 +14,9 @@ FRONT_TO_BACK = "one-minus-dst-alpha", "one"
 
 @dataclass(frozen=True)
 class Binding:
-    """A binding of group 0: a texture or a range of a buffer. The range has `size` bytes from `offset` on;
-    without `size`, it is the whole buffer.
+    """A binding of group 0: a texture or a range of a buffer.
+
+    The range has `size` bytes from `offset` on. Without `size`, the range is the whole buffer.
 
     A buffer has the `kind` "uniform", "read" or "write". A texture has the `kind` "texture" (float),
     "numbers" (uint32), or "store" (written as r32float). If `per_band` is true, every band has a different
@@ -36,7 +37,7 @@ class ComputePass:
 
     `groups` is the number of workgroups. If `groups` is None, the GPU reads the number at byte `indirect` of
     the buffer `arguments`. If `groups` and `indirect` are both None, the pass has one invocation per pixel of
-    the band. A workgroup of such a pass has 64 pixels of a row.
+    the band. In a pass over pixels, a workgroup processes 64 pixels of a row.
     """
 
     stage: str

@@ -3,14 +3,18 @@
 A frame of a blended method has these stages:
 
 1. project: compute the depth key of every face, and the colours of faces or vertices.
+
 2. sort: a radix sort of the visible faces by key, front to back.
+
 3. records: write the data of each face for the fragment shader (its "record"), in sorted order.
+
 4. blend: draw a quad for each record into the targets, in chunks of faces.
+
 5. resolve: average samples to pixels and add the background.
 
-A method with an opaque surface does not need a sorted order. Its frames have the stages "raster" and "decode"
-instead of "blend". The stage "raster" finds the nearest face of each pixel with a z-buffer, and "decode"
-computes the appearance of this face.
+A method with an opaque surface does not need a sorted order. A z-buffer frame has the stages "raster" and
+"decode" instead of "blend". The stage "raster" finds the nearest face of each pixel with a z-buffer, and
+"decode" computes the appearance of this face.
 """
 
 import re
@@ -110,7 +114,7 @@ def make_plan(
     limits, name : Limits, str
         The limits of the device, and its name for error messages.
     order, sampling : str
-        As for the OpenCL renderer.
+        The same options as in the OpenCL renderer.
     form : str
         Texture format of the blended targets.
     stops : int

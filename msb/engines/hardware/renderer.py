@@ -31,13 +31,14 @@ _BLENDS = {FLOAT: "float32", HALF: "half floats"}
 _ROOM = {FLOAT: 1 << 23, HALF: 1 << 24, NUMBERS: 1 << 24}
 
 
-# The group in memory reports for the first word of each memory use.
+# Maps the first word of each memory use to a group in memory reports.
 _GROUPS = {
     **dict.fromkeys(("positions", "indices"), "geometry"),
     **dict.fromkeys(("coverage", "f_dc", "f_rest", "opacity", "features", "decoder"), "appearance"),
     **dict.fromkeys(("image", "depth", "covered", "nearest", "z-buffer", "pixels,", "pixels"), "targets"),
 }
-# Limits that are requested at the adapter's maximum. The first three limits are the members of `Limits`.
+# The device is opened with the adapter's maximum of these limits. The first three limits are the members of
+# `Limits`.
 _LIMITS = (
     "max-storage-buffer-binding-size",
     "max-buffer-size",
@@ -46,7 +47,7 @@ _LIMITS = (
     "max-vertex-attributes",
     "max-color-attachment-bytes-per-sample",
 )
-# Minimum limits that the passes need. WebGPU guarantees the limits of the passes, but adapters in
+# Minimum device limits for the passes. WebGPU guarantees the limits of the passes, but adapters in
 # compatibility mode may have lower limits.
 _NEEDED = {
     "max-storage-buffers-per-shader-stage": 8,
@@ -63,15 +64,15 @@ class HardwareRenderer:
     ----------
     device : {"cpu", "gpu"}, optional
         "cpu" is a software adapter, "gpu" any other adapter. Default: a GPU if possible.
-    order, sampling
-        As for the OpenCL renderer.
+    order, sampling : str
+        The same options as in the OpenCL renderer.
     half : bool
         Blend in half floats even if the adapter can blend float32.
     stops : int
         Number of chunks of faces for methods that stop samples (see `program.STOPS`); with 1 chunk no sample
         stops.
     debug : bool
-        Keep the data for the method `decisions`.
+        Keep the data that the method `decisions` returns.
     """
 
     name = "wgpu"
@@ -229,7 +230,7 @@ class HardwareRenderer:
         return self._gpu.memory()
 
     def memory_groups(self) -> Mapping[str, str]:
-        """Return the group in memory reports for each use."""
+        """Return the report group of each memory use."""
         return {name: _GROUPS[word] for name in self._gpu.resources if (word := name.split()[0]) in _GROUPS}
 
     def close(self) -> None:

@@ -11,7 +11,7 @@
 
 // A pixel is the average of its samples FIRST_SAMPLE..LAST_SAMPLE along each axis.
 // A box filter uses all samples.
-// Bilinear interpolation at pixel centres uses the middle one or two.
+// Bilinear interpolation at pixel centres uses only the middle one or two samples.
 @compute @workgroup_size(64)
 fn resolve(@builtin(global_invocation_id) id: vec3<u32>) {
     if (id.x >= band.size.x || id.y >= band.size.y) {

@@ -121,7 +121,7 @@ fn scan(@builtin(local_invocation_index) me: u32) {
 // Three entries are the numbers of workgroups that write the record buffer.
 // One entry is the first face of the buffer in sorted order.
 // Four entries are the arguments of the indirect draw.
-// Chunks have equal sizes; the last ones may be smaller.
+// All chunks have equal sizes, but the last chunks may be smaller.
 fn write_arguments(listed: u32) {
     arguments[0] = listed;
     arguments[1] = (listed + BLOCK - 1u) / BLOCK;

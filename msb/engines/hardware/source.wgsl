@@ -2,7 +2,7 @@
 // Every compute stage over faces starts with the file of the method, which starts with this file.
 #include "exact.wgsl"
 
-// Long buffers are bound in parts; `part` has the range of rows of the bound part.
+// Long buffers are bound in parts; `part` holds the row range of the bound part.
 struct Part {
     first: u32,
     count: u32,

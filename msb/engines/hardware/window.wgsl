@@ -69,8 +69,8 @@ fn project_window(p: array<vec3<f32>, 3>, w: ptr<function, Window>) -> bool {
         (*w).edge_offset[k] = t * outward;
         (*w).inradius[k] = distance * outward;
     }
-    // NaN if two corners coincide.
-    // The official code keeps such a face, but no sample is inside it.
+    // The inradius is NaN if two corners coincide. The official code keeps a face with coincident corners,
+    // but no sample is inside the face.
     return !((*w).inradius[2] > -1.0);
 }
 
@@ -127,15 +127,16 @@ fn contour_tiles(w: ptr<function, Window>, shrunk: f32) -> vec4<i32> {
     return tiles;
 }
 
-// Returns the largest of the three signed distances n.x x + n.y y + t from the edges; it is positive outside.
-// The terms are added in the official order: a sample exactly on an edge then has distance 0 and alpha 0.
-// With a fused sum the distance could be -1e-5, which a sharp window (phi^0.01) would turn into an alpha of 0.8.
+// Returns the largest of the three signed distances n.x x + n.y y + t from the edges. This distance is
+// positive outside the triangle. The terms are added in the official order: a sample exactly on an edge then
+// has distance 0 and alpha 0. With a fused sum the distance could be -1e-5, which a sharp window (phi^0.01)
+// would turn into an alpha of 0.8.
 fn nearest_edge(normal_x: vec3<f32>, normal_y: vec3<f32>, offset: vec3<f32>, x: f32, y: f32) -> f32 {
     let e = keep3(keep3(normal_x * x) + keep3(normal_y * y)) + offset;
     return max(max(e.x, e.y), e.z);
 }
 
-// Returns phi^sigma like the official fast power; 0 for phi = 0.
+// Returns phi^sigma, computed like the official fast power function. The result is 0 if phi is 0.
 fn window_power(phi: f32, sigma: f32) -> f32 {
     return select(0.0, exp2(max(sigma * log2(max(phi, 1e-30)), -100.0)), phi > 1e-30);
 }

@@ -49,7 +49,7 @@ function fit() {
   const down = new THREE.Vector3().crossVectors(forward, right);
   const distance = 1.05 * world.radius / Math.sin(half);
   const eye = world.center.clone().addScaledVector(forward, -distance);
-  // This rule is the same as in msb/scenes/paths.py.
+  // The camera position follows the same rule as in msb/scenes/paths.py.
   view.unit = distance >= 0.5 && distance <= 64 ? 1 : 2 ** (Math.round(Math.log2(distance)) - 1);
   state.target.copy(world.center);
   state.view = withPose(view, eye, right, down, forward);
@@ -78,7 +78,8 @@ function setCameras(list) {
 
 // ---- movements; call `redrawMoving` after each of them
 
-// Draws the view while the camera moves (`state.moving` is true), and again at full resolution when it rests.
+// Draws the view while the camera moves (`state.moving` is true), and again at full resolution when the
+// camera rests.
 let rest = 0;
 function redrawMoving() {
   state.fitted = false;

@@ -50,8 +50,7 @@ function surfaceProjection(view, near, far, flip) {
 }
 
 // Returns the members of the camera's buffer that all methods share.
-// Formulas and float32 roundings are those of msb/render/splat/view.py.
-// camera.js describes a view.
+// The formulas and float32 roundings follow msb/render/splat/view.py. camera.js describes a view.
 function cameraMembers(view, scale, near, far, methodValues) {
   const f = Math.fround, W = matrixOf(view).map((row) => row.map(f));
   const tan = [view.width / (2 * view.fx), view.height / (2 * view.fy)];

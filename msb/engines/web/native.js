@@ -106,7 +106,7 @@ function drawNative(view) {
     if (again) { again = false; show(); }
   });
 }
-// Returns the scale of the resolution while the camera moves, from the milliseconds of a frame.
+// Returns the resolution scale for a moving camera, computed from the milliseconds of a frame.
 const movingScale = (took) => (took < SLOW ? 1 : took < 4 * SLOW ? 0.5 : 0.25);
 
 function scaleView(view, factor) {

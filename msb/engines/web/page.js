@@ -16,13 +16,13 @@ renderer.autoClear = false;
 renderer.setPixelRatio(1);
 renderer.toneMapping = THREE.NoToneMapping;
 // Disable the conversion of colours in three.js.
-// The materials below convert them.
+// The materials below convert the colours.
 THREE.ColorManagement.enabled = false;
 renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
 // Enables extensions.
-// With EXT_clip_control the float32 depth is 1 at the near plane and 0 at infinity, which is most precise.
-// Without it, the depth has the usual range -1 .. 1.
-// With both ranges, there is no far plane.
+// With EXT_clip_control, the float32 depth is 1 at the near plane and 0 at infinity. This range is the most
+// precise. Without EXT_clip_control, the depth has the usual range -1 .. 1. Neither depth range has a far
+// plane.
 function enableExtensions() {
   const clip = gl.getExtension("EXT_clip_control");
   if (clip) clip.clipControlEXT(clip.LOWER_LEFT_EXT, clip.ZERO_TO_ONE_EXT);

@@ -40,7 +40,7 @@ function readPixels(view) {
 }
 
 // Returns a material that writes the depth.
-// If a material has an alpha cutoff, this is a copy with a changed output.
+// For a material with an alpha cutoff, the function returns a copy with a changed output.
 function depthOf(material) {
   if (!material.alphaTest) return depthMaterial;
   const depth = material.clone();

@@ -44,7 +44,9 @@ METHOD = Method(
     ),
     native=Native(binary_opacity=True, neural_decoder=True),
     retained={"dedicated": Retained("Method-aware", "MLP", notes={"depth_sort": "depth test"}, **AWARE)},
-    unsupported={"standard": "its colours come from a view-dependent decoder; it has no static colours"},
+    unsupported={
+        "standard": "the colours come from a view-dependent decoder, so static colours do not exist"
+    },
     settings={
         "layout": Setting("colmap", "choice", choices=("colmap", "synthetic")),
         "z_near": Setting(0.5, "float", positive=True),

@@ -22,7 +22,7 @@ from msb.methods.diffsoup.adapter import DECODER, describe, direction, domains
 
 # Largest width of a look-up texture, in texels.
 MAX_WIDTH = 4096
-# For each key in mlp_weights.json, the key of the state dict. In the JSON file, weights are flat lists in
+# Maps each key in mlp_weights.json to a key of the state dict. In the JSON file, weights are flat lists in
 # the order [out][in].
 WEIGHTS = dict(zip(("W1", "b1", "W2", "b2", "W3", "b3"), DECODER, strict=True))
 
@@ -62,7 +62,7 @@ def texture_size(texels: int) -> tuple[int, int]:
 
 
 def _read_textures(folder: Path, faces: int) -> tuple[list[NDArray[np.uint8]], int]:
-    """Return both textures as (faces, samples, 4), and the level of their lattices."""
+    """Return both textures as arrays (faces, samples, 4), and the lattice level."""
     images = [_read_png(folder / name, faces) for name in ("lut0.png", "lut1.png")]
     sizes = {texture_size(faces * samples(level)): level for level in range(MAX_LEVEL, -1, -1)}
     height, width = images[0].shape[:2]
@@ -94,12 +94,12 @@ def _read_png(path: Path, faces: int) -> NDArray[np.uint8]:
                 valid = ", ".join(f"{w} x {h}" for w, h in sorted(sizes))
                 width, height = image.size
                 raise error(f"is {width} x {height}; {faces} faces need one of these sizes: {valid}")
-            image.verify()  # verify the checksums; then Pillow must open the file again
+            image.verify()  # verify the checksums, after which Pillow must open the file again
         with Image.open(path, formats=("PNG",)) as image:
             return np.asarray(image)
     except CheckpointError:
         raise
-    except (OSError, ValueError, SyntaxError, EOFError, MemoryError):  # Pillow raises these for broken PNGs
+    except (OSError, ValueError, SyntaxError, EOFError, MemoryError):  # Pillow's errors for broken PNGs
         raise error("is not a complete PNG") from None
     finally:
         Image.MAX_IMAGE_PIXELS = limit

@@ -118,8 +118,8 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     (*face).number = vec4<f32>(f32(number & 0xffffu), f32(number >> 16u), coverage[number], 0.0);
     let front = vec3<bool>(p0.w > 0.0, p1.w > 0.0, p2.w > 0.0);
     // The official code clips nothing: a triangle with a corner at or behind the camera plane is dropped.
-    // An engine keeps the part in front.
-    // The rectangle of the triangle is the whole image, and the depth test discards the part behind.
+    // A game engine keeps the part in front of the camera. The triangle's rectangle is then the whole image,
+    // and the depth test discards the part behind the camera.
 #if ENGINE
     let dropped = !any(front);
 #else
@@ -152,7 +152,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
 
 @group(0) @binding(7) var<storage, read> features: array<TEXEL>;
 
-// Weights are in matrices of four by four: output block by output block, each with all its input blocks.
+// The weights are stored as 4 x 4 matrices, ordered by output block, then by input block.
 struct Decoder {
     weight: array<mat4x4<f32>, 36>,
     bias: array<vec4<f32>, 9>,
@@ -167,7 +167,7 @@ fn feature(at: u32) -> f32 {
 #endif
 }
 
-// Features 0 to 3, then 4 to 6.
+// Feature vectors of a lattice node: `low` has features 0 to 3, `high` has features 4 to 6.
 struct Node {
     low: vec4<f32>,
     high: vec3<f32>,
@@ -262,10 +262,10 @@ fn picture_of(p: vec4<f32>, half: vec2<f32>) -> vec2<f32> {
 
 // Returns corner `index` of the drawn triangle strip.
 // The edges of the triangle are moved outwards.
-// The distance exceeds the rounding errors of the hardware and of the edge functions in `meeting_at`.
-// Returns `corner`, a corner of the rectangle, if the moved triangle is unsuitable.
-// Unsuitable triangles are hardly smaller than the rectangle, too thin, too far away or too pointed.
-// The outline only reduces the number of fragments; it does not decide which pixels are covered.
+// The edges move by more than the rounding errors of the hardware and of the edge functions in `meeting_at`.
+// Returns `corner`, a corner of the rectangle, if the moved triangle is unsuitable. Unsuitable triangles are
+// hardly smaller than the rectangle, too thin, too far away or too pointed. The outline only reduces the
+// number of fragments; it does not decide which pixels are covered.
 fn outline(face: Face, index: u32, corner: vec2<f32>) -> vec2<f32> {
     let p = array<vec4<f32>, 3>(face.corner0, face.corner1, face.corner2);
     let half = 0.5 * vec2<f32>(f32(view.width), f32(view.height));
@@ -317,7 +317,7 @@ fn outline(face: Face, index: u32, corner: vec2<f32>) -> vec2<f32> {
 fn place_of(face: Face, x: i32, y: i32) -> Place {
     let m = meeting_at(centre_at(x, y), face.corner0, face.corner1, face.corner2);
     // The official depth key is NDC depth + 2, between 1 and 3.
-    // The key minus 1, divided by 4, is still exact.
+    // The value (key - 1) / 4 is exact in float32.
     var place = Place(m.inside && m.ndc > -1.0, keep(keep(m.ndc + 2.0) - 1.0) * 0.25);
     // The opacity array may be bound in several parts, and an outline may reach beyond the official rectangle.
     let at = vec2<f32>(f32(x), f32(y));

@@ -69,11 +69,11 @@ static Span span_of(float4 p0, float4 p1, float4 p2, int2 columns)
         k = fabs(k);
         size += (j.x + j.w) * (k.y + k.w) + (k.x + k.w) * (j.y + j.w);
     }
-    // 2^-20 is sixteen rounding errors, and at most ten rounding errors add up.
+    // At most ten rounding errors of 2^-24 add up, so the bound 2^-20 is safe.
     float error = size * 0x1p-20f, turn = s.c[0] * p0.w + s.c[1] * p1.w + s.c[2] * p2.w;
     // The span is unknown for triangles that are seen nearly edge-on, or are too large or too small for
     // float32.
-    // Rounding may then give A any sign.
+    // Rounding errors may then change the signs of A0, A1 and A2.
     s.known = error > 1e-30f && fabs(turn) > 4.0f * error * (fabs(p0.w) + fabs(p1.w) + fabs(p2.w));
     float sign = turn > 0.0f ? 1.0f : -1.0f;
     for (int i = 0; i < 3; i++) {
@@ -86,7 +86,7 @@ static Span span_of(float4 p0, float4 p1, float4 p2, int2 columns)
     return s;
 }
 
-// First and last column that may be inside in the row at v, widened by one pixel at both ends.
+// First and last column that the triangle may cover in the row at v, widened by one pixel at both ends.
 static int2 row_columns(const Span *s, float v, int2 columns, float width)
 {
     float low = -1.0f, high = 1.0f;
@@ -177,8 +177,8 @@ __kernel void raster(__global const float4 *corners, __global const ushort *firs
     fragments[band] = count;
 }
 
-// Two loads of four read the seven texels of a node.
-// The fourth texel is loaded twice, so that no load exceeds the lattice.
+// Two loads of four texels read the seven texels of a node. Both loads include the fourth texel, so that no
+// load exceeds the lattice.
 #if TEXEL_SCALE == 1
 #define FOUR(p) (((__global const Unaligned *)(p))->four)
 #else
@@ -220,7 +220,8 @@ static void features_at(__global const TEXEL *lattice, int side, int8 faces, flo
     }
 }
 
-// Write one row of the image, in the image's order of rows; buffers of `raw` keep the raster's order.
+// Write one row of the image, in the row order of the image. The buffers of `raw` keep the row order of the
+// raster.
 __kernel void shade(__global const int *plane_face, __global const float *plane_ndc,
                     __global const float *plane_b0, __global const float *plane_b1,
                     __global const float *plane_w, __global const TEXEL *lattice, __constant float *net,

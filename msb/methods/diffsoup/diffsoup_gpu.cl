@@ -1,5 +1,5 @@
 // DiffSoup in GPU style: a work-group draws one triangle with atomics, and a work-item shades one pixel.
-// Further defines are GROUP, the size of the work-groups of `raster`, and KEYS, whether 64-bit atomics exist.
+// Further defines: GROUP is the work-group size of `raster`, and KEYS is 1 if the device has 64-bit atomics.
 //
 // The key of a pixel has 64 bits.
 // The upper half is the bits of depth + 2 minus the bits of 1; the lower half is the face number.
@@ -15,7 +15,7 @@
 #pragma OPENCL EXTENSION cl_khr_int64_extended_atomics : enable
 #endif
 
-// The two halves of a little-endian key; a pixel has two words.
+// The two 32-bit words of a pixel's little-endian key.
 #define FACE_OF(key) (key)[0]
 #define DEPTH_OF(key) (key)[1]
 #define NOTHING 0xffffffffu

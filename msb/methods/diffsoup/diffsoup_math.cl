@@ -9,10 +9,9 @@
 // The rounding of these operations decides which triangle covers a pixel.
 //
 // Operators replace OpenCL functions: ?: replaces select, and casts replace vload8.
-// PoCL's CPU driver compiles such functions as library calls.
-// A call takes several times as long as one instruction.
-// The defines are WIDE, TEXEL (float or uchar) and TEXEL_SCALE (1 or 255).
-// The parameter `side` is 2^level of the lattices.
+// PoCL's CPU driver compiles select and vload8 as library calls. A call takes several times as long as one
+// instruction. The defines are WIDE, TEXEL (float or uchar) and TEXEL_SCALE (1 or 255). The parameter `side`
+// is 2^level of the lattices.
 #pragma OPENCL FP_CONTRACT OFF
 
 #define FEATURES 7
@@ -232,5 +231,5 @@ static real as_target(real feature)
     return TO_REAL(TO_WHOLE(feature * 255.0f + 0.5f)) / 255.0f;
 }
 
-// Files that include this file set their fusing rule again.
+// Files that include this file must set their rule for fused products again.
 #pragma OPENCL FP_CONTRACT OFF

@@ -50,8 +50,8 @@ __kernel void project(__global const float *positions, __global const uint *indi
     corners[3 * face + 2] = p2;
 
     // The official code clips nothing: a triangle with a corner at or behind the camera plane is dropped.
-    // An engine keeps the part in front.
-    // The rectangle of the triangle is the whole image, and the depth test discards the part behind.
+    // A game engine keeps the part in front of the camera. The triangle's rectangle is then the whole image,
+    // and the depth test discards the part behind the camera.
     bool crosses = !(p0.w > 0.0f && p1.w > 0.0f && p2.w > 0.0f);
     if (crosses && (!ENGINE || !(p0.w > 0.0f || p1.w > 0.0f || p2.w > 0.0f)))
         return;

@@ -72,19 +72,19 @@ class Pipeline(OnDevice):
     asset : Asset
         An asset with lattices of numbers, or of bytes from the official web export; a byte v means v / 255.
     device : str or Device, optional
-        A selector (`msb.cl.shared_device`), or an open device, which stays open.
+        A device selector (see `msb.cl.shared_device`), or an open device, which the renderer does not close.
     settings : mapping, optional
         Overrides of the asset's `layout`, `z_near` and `z_far`.
     outputs : "auto", "all" or iterable of str
         With "raw" the frame also contains the official kernels' buffers, which takes 25 % more time.
     order : {"tile", "global", "none"}
-        Has no effect, because the image of a z-buffer does not depend on the order of triangles.
+        This option has no effect, because the image of a z-buffer does not depend on the order of triangles.
     sampling : {"official", "engine"}
-        With "engine" a triangle that crosses the camera plane is clipped, like in hardware, instead of
-        dropped. Both modes follow graphics hardware in all other rules of sampling.
+        With "engine", a triangle that crosses the camera plane is clipped as in graphics hardware. With
+        "official", the triangle is dropped. Both sampling modes follow graphics hardware in all other rules.
     viewer : bool
-        Whether to imitate the official viewers: lattices are truncated to bytes, and interpolated features
-        are rounded to bytes. The official viewers also clip triangles, which `sampling` "engine" imitates.
+        Whether to imitate the official viewers, which truncate lattices to bytes, and round interpolated
+        features to bytes. The official viewers also clip triangles, which `sampling` "engine" imitates.
     """
 
     name = "msb-dedicated"
@@ -138,21 +138,21 @@ class Pipeline(OnDevice):
         Parameters
         ----------
         camera : Camera
-            OpenCV axes in both layouts. In the layout "colmap", cy is used with the official sign
-            (docs/diffsoup.md).
+            The camera has OpenCV axes in both layouts. In the layout "colmap", cy is used with the official
+            sign (docs/diffsoup.md).
         background : (float, float, float)
             RGB in the asset's colour space.
 
         Returns
         -------
         Frame
-            `alpha` is 1 or 0, `depth` the camera's z of the visible triangle, `visible` the faces that are
-            visible in at least one pixel, `timings` the stages clear, project, raster, decode and read.
-            `raw` has arrays in the raster's order of rows (row 0 is NDC y = -1): `mvp`, `mvp_inv` (4, 4)
-            float32 and `tri_id` (H, W) int32, -1 in empty pixels; with the output "raw" also `bary01` (H,
-            W, 2), `depth` (H, W) NDC, `features` (H, W, 7), `sh` (H, W, 9), float32 and 0 in empty pixels,
-            `clip_corners` (F, 3, 4) float32, and `num_fragments`, the number of fragments between the
-            planes before the opacity test.
+            `alpha` is 1 or 0, and `depth` is the camera-space z of the visible triangle. `visible` contains
+            the faces that are visible in at least one pixel. `timings` has the stages clear, project, raster,
+            decode and read. The arrays in `raw` have the row order of the raster, where row 0 is NDC y = -1.
+            `mvp` and `mvp_inv` are (4, 4) float32. `tri_id` is (H, W) int32, and -1 in empty pixels. The
+            output "raw" adds float32 arrays that are 0 in empty pixels: `bary01` (H, W, 2), `depth` (H, W) in
+            NDC, `features` (H, W, 7) and `sh` (H, W, 9). The output "raw" also adds `clip_corners` (F, 3, 4)
+            float32, and `num_fragments`, the number of fragments between the planes before the opacity test.
         """
         device = self._device
         with device.timing() as timing:

@@ -36,7 +36,7 @@ class DiffSoupModel:
         A byte v means v / 255.
     opacity : (F, S), with the dtype of `features`
     opaque : (F,) uint8
-        1 for faces whose interpolated opacity cannot be below the threshold.
+        The value is 1 for faces whose interpolated opacity cannot be below the threshold.
     decoder : (595,) float32
         Weights [out][in] and biases of each layer, one layer after another.
     level : int
@@ -60,8 +60,9 @@ def diffsoup_model(asset: Asset, *, quantise: bool = False) -> DiffSoupModel:
     asset : Asset
         An asset with `compositing.kind` "binary_z_buffer" in its manifest.
     quantise : bool
-        Whether lattices of numbers are converted to bytes as in the official web export: trunc(clip(255 x,
-        0, 255)), with the product in float32 (kenji-tojo/diffsoup: examples/06_export_web.py).
+        Whether lattices of numbers are converted to bytes by the formula of the official web export, which is
+        trunc(clip(255 x, 0, 255)) with the product in float32 (kenji-tojo/diffsoup:
+        examples/06_export_web.py).
     """
     require(asset, "compositing", "kind", "binary_z_buffer")
     level = check_level(asset.manifest.appearance.get("level"), asset.path)
@@ -108,12 +109,12 @@ def diffsoup_matrices(
     Parameters
     ----------
     camera : Camera
-        OpenCV axes in both layouts.
+        The camera has OpenCV axes in both layouts.
     layout : {"colmap", "synthetic"}
-        "colmap": the matrix V negates the camera's z, NDC y grows downwards, and cy has the official sign,
-        which is the opposite of the correct one. "synthetic": the matrix V negates y and z, and NDC y grows
-        upwards. The official code assumes a principal point in the middle, but this function supports any
-        principal point.
+        "colmap": the matrix V negates the camera's z, and NDC y grows downwards. The official sign of cy is
+        the opposite of the correct sign. "synthetic": the matrix V negates y and z, and NDC y grows upwards.
+        The official code assumes a principal point in the middle, but this function supports any principal
+        point.
     near, far : float
         Camera depths in scene units that become NDC -1 and 1.
 
@@ -138,7 +139,7 @@ def diffsoup_matrices(
     projection[0, 2] = unit - two * (cx / width)
     projection[1, 2] = two * (cy / height) - unit
     projection[3, 2] = -1
-    # NumPy may divide by zero; `invert_projection` rejects such planes
+    # invalid planes may cause a division by zero; `invert_projection` rejects these planes
     near, far = np.float64(near), np.float64(far)
     with np.errstate(all="ignore"):
         projection[2, 2] = (far + near) / (near - far)

@@ -17,7 +17,7 @@ from msb.methods.diffsoup.adapter_web import WEIGHTS, texture_size
 # The format is a folder, so it has no suffix.
 SUFFIXES = ("",)
 
-# For each axis name, the unit vector.
+# Maps the name of each axis to its unit vector.
 _UP = {
     f"{sign}{axis}": [length if axis == other else 0.0 for other in "xyz"]
     for sign, length in (("+", 1.0), ("-", -1.0))

@@ -21,9 +21,9 @@ from msb.reference.frame import ReferenceFrame
 from msb.reference.tiles import Modes
 from msb.scenes import Camera
 
-# Fragments of lower opacity are discarded.
+# Fragments below this opacity are discarded.
 OPACITY_THRESHOLD = 0.5
-# Number of the feature that blends the decoder's colour with the base colour. Features 0 to 2 are the base
+# Index of the feature that blends the decoder's colour with the base colour. Features 0 to 2 are the base
 # colour.
 BLEND_FEATURE = 3
 # Maximum number of pixels in triangle boxes that are processed at once, to limit the memory.
@@ -114,9 +114,9 @@ def diffsoup_projection(
     Parameters
     ----------
     layout : {"colmap", "synthetic"}
-        "colmap": NDC y grows downwards, and the vertical principal point has the official sign, which is the
-        opposite of the correct one. "synthetic": NDC y grows upwards. The official code assumes a principal
-        point in the middle, but this function supports any principal point.
+        "colmap": NDC y grows downwards. The official sign of the vertical principal point is the opposite of
+        the correct sign. "synthetic": NDC y grows upwards. The official code assumes a principal point in the
+        middle, but this function supports any principal point.
     near, far : float
         Camera depths in scene units that become NDC -1 and 1.
 
@@ -137,7 +137,7 @@ def diffsoup_projection(
     projection[1, 1] = two * fy / height
     projection[0, 2] = real(1) - two * (cx / width)
     projection[1, 2] = two * (cy / height) - real(1)
-    # NumPy may divide by zero; `invert_projection` rejects such planes
+    # invalid planes may cause a division by zero; `invert_projection` rejects these planes
     near, far = np.float64(near), np.float64(far)
     projection[2, 2] = (far + near) / (near - far)
     projection[2, 3] = (2 * far * near) / (near - far)
@@ -199,7 +199,8 @@ def rasterize(
         # A fragment replaces the z-buffer only if it is nearer, so at equal depths the lower face number
         # stays.
         wins = ~(alpha < dtype.type(OPACITY_THRESHOLD)) & (ndc_depth > -1) & (key < nearest_key[pixel])
-        # Select the nearest of the new fragments of each pixel. The sort is stable: lower faces come first.
+        # Select the nearest of the new fragments of each pixel. The sort is stable, so faces with lower
+        # indices come first.
         order = np.flatnonzero(wins)[np.lexsort((key[wins], pixel[wins]))]
         nearest = order[np.diff(pixel[order], prepend=-1) != 0]
         nearest_key[pixel[nearest]] = key[nearest]
@@ -211,7 +212,9 @@ def rasterize(
 def box_pixels(
     faces: NDArray[np.int64], boxes: NDArray[np.int64]
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]:
-    """Yield the pixels in the boxes (F, 4) of the ascending `faces`: face, column and row, (n,) each.
+    """Yield the pixels in the boxes (F, 4) of `faces`, which must be in ascending order.
+
+    The three arrays (n,) are face, column and row.
 
     Faces with at most `_TOGETHER` pixels in total share a batch. The pixels of a face are never split over
     two batches.
@@ -234,7 +237,7 @@ def box_pixels(
 def pixel_boxes(
     corners: Reals, width: int, height: int, *, clips: bool = False
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Return which of F triangles are dropped, and the boxes of the others.
+    """Return a mask (F,) of the dropped triangles, and the pixel boxes of all triangles.
 
     A box (F, 4) holds the first and last column, and the first and last row. A triangle with a corner at or
     behind the camera plane is dropped. With `clips`, a dropped triangle is kept instead, and its box is the
@@ -246,7 +249,7 @@ def pixel_boxes(
     dropped = np.asarray(behind.all(axis=1) if clips else crosses)
     for axis in range(3):
         dropped |= (corners[..., axis] < -w).all(axis=1) | (corners[..., axis] > w).all(axis=1)
-    # Box of the corners in NDC, limited to the image.
+    # Box of the corners in NDC, clamped to the image.
     ndc = corners[..., :2] * (1 / w)[..., None]
     ndc = np.where(np.isfinite(ndc), ndc, np.where(ndc > 0, 1, -1)).astype(corners.dtype)
     ndc = np.clip(ndc, -1, 1)
@@ -290,7 +293,7 @@ def fragments(corners: Reals, u: Reals, v: Reals) -> tuple[Reals, Reals, Reals, 
 
 
 def interpolate(lattice: Reals, faces: NDArray[Any] | int, level: int, b0: Reals, b1: Reals) -> Reals:
-    """Return lattices (F, S, C) of `faces` at barycentric coordinates (n,), interpolated between three nodes.
+    """Interpolate lattices (F, S, C) of `faces` at barycentric coordinates (n,), between three lattice nodes.
 
     Lattice node (x, y) has b0 = x / 2^level and b1 = y / 2^level. The lattice node is sample s(s + 1)/2 + y,
     where s = x + y.

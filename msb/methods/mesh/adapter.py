@@ -24,7 +24,7 @@ def recognises(content: Content) -> bool:
 
 def read(place: Place, content: Content, options: Options) -> Model:
     """Return the mesh at `place` with all rows and its colours as stored."""
-    Settings("mesh", options.settings)  # the method "mesh" has no settings, so this rejects every name
+    Settings("mesh", options.settings)  # the method "mesh" has no settings, so this call rejects every name
     mesh = read_mesh(place.file)
     with about(place.file):
         made = make_mesh_buffers(mesh)
@@ -50,7 +50,7 @@ class ByName:
         return recognises(content) and is_named(METHODS[self.method], content.place.file)
 
     def read(self, place: Place, content: Content, options: Options) -> Model:
-        """Return the mesh at `place` with the values of its `cfg_args` file, if it has one."""
+        """Return the mesh at `place`, with the values in its `cfg_args` file if that file exists."""
         model = read(place, content, options)
         description = replace(model.description, method=self.method)
         arguments, files, warnings = read_cfg_args(place.root)

@@ -2,7 +2,7 @@
 
 Layout: meshsplatting/mesh-splatting at 608e5d0 (scene/triangle_model.py, create_ply.py). All parameters are
 per vertex, except sigma, which is global. This adapter also reads files of Triangle Splatting+. Files of
-Triangle Splatting+ lack only `pixel_count`.
+Triangle Splatting+ have the same layout without `pixel_count`.
 """
 
 import math

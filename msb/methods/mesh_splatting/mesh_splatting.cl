@@ -18,9 +18,8 @@
 #define SMALL_IS_DROPPED 0 // even if two corners coincide on the screen
 
 // For each vertex, the array coverage has the opacity and the rim.
-// The rim is the phi below which alpha is under 1/255.
-// With PLUS, coverage also has the phi with o phi^sigma = 0.01.
-// f_dc contains the evaluated colours of the vertices.
+// The rim is the value of phi below which alpha is less than 1/255. With PLUS, coverage also has the phi with
+// o phi^sigma = 0.01. f_dc contains the evaluated colours of the vertices.
 
 #if ENGINE
 #define LINES 12
@@ -45,8 +44,8 @@ typedef struct BY_EIGHTS Face FACE_MEMBERS(float, int) Face;
 typedef struct FACE_MEMBERS(real, mask) Faces;
 #include "edge_window.cl"
 
-// In the official code the product of unsigned extents is 0 for an empty box; here the product is never
-// negative.
+// The official code computes an unsigned product of the extents, which is 0 for an empty box. The product in
+// this file is never negative.
 Box corner_tiles(__constant View *view, const Window *w)
 {
     Box box = {(mask)(int)view->columns, (mask)(int)view->rows, (mask)0, (mask)0};

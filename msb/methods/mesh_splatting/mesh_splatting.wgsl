@@ -54,7 +54,8 @@ fn color_face(number: u32, face: ptr<function, Face>) {
 }
 #endif
 
-// In the official code the product of unsigned extents is 0 for an empty box; here the product is never negative.
+// The official code computes an unsigned product of the extents, which is 0 for an empty box. The product in
+// this file is never negative.
 fn corner_tiles(w: ptr<function, Window>) -> vec4<i32> {
     var result = vec4<i32>(i32(view.columns), i32(view.rows), 0, 0);
     for (var k = 0; k < 3; k++) {

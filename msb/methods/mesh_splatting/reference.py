@@ -127,7 +127,7 @@ def render(
 
 
 def box_mean(raster: Reals, size: int) -> Reals:
-    """Return the means of size x size samples, (H, W, ...)."""
+    """Return the means of blocks of size x size samples, as an array (H, W, ...)."""
     total = np.zeros_like(raster[::size, ::size])
     for row in range(size):
         for column in range(size):

@@ -55,7 +55,7 @@ def read_splats(place: Place, content: Content, options: Options, *, method: str
     declared = METHODS[method]
     axes = 2 if method == "two_dgs" else 3
     if gaussians.scale.shape[1] != axes:
-        text = f"its Gaussians have {gaussians.scale.shape[1]} axes; {declared.title} needs {axes} axes"
+        text = f"the Gaussians have {gaussians.scale.shape[1]} axes; {declared.title} needs {axes} axes"
         raise CheckpointError("CHECKPOINT_LAYOUT", text, file=place.file)
     settings = Settings(method, options.settings)
     settings.add("sh_degree", gaussians.degree, "checkpoint", place.file)

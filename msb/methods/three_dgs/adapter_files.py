@@ -139,7 +139,7 @@ def _read_attributes(document: Document, primitive: dict[str, Any], pointer: str
             accessor = parse_accessor(document, index, kinds=kind, components="f4 i1 u1 i2 u2")
             attributes[name] = read_numbers(accessor)
     if len({len(array) for array in attributes.values()}) > 1:
-        raise document.error("MESH_FILE_INVALID", pointer, "its Gaussian attributes have different lengths")
+        raise document.error("MESH_FILE_INVALID", pointer, "the Gaussian attributes have different lengths")
     return attributes
 
 
@@ -167,7 +167,7 @@ def _read_sog(path: Path) -> Gaussians:
     except MsbError:
         raise
     except Exception as error:  # the ZIP reader raises many exception types for damaged files
-        raise damaged(f"it cannot be unpacked: {library_reason(error)}") from None
+        raise damaged(f"the archive cannot be unpacked: {library_reason(error)}") from None
 
 
 def _decode_sog(read_member: Callable[[str], bytes]) -> Gaussians:

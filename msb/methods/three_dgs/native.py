@@ -40,8 +40,8 @@ def splat_culling(rasterizer: str) -> Culling:
     """Return the bounds outside which a rasterizer draws no Gaussian.
 
     gsplat evaluates the Jacobian at a point clamped to 0.3 tan(fov / 2) beyond the edge of the image. The
-    dilation allows for this clamp at any principal point. The margin allows for the low-pass filter and for
-    whole tiles.
+    dilation of the bounds covers this clamp at any principal point. The margin allows for the low-pass filter
+    and for whole tiles.
     """
     dilation = 1.3 if rasterizer == "gsplat" else 1.0
     return Culling(nearest=NEAREST[rasterizer], dilation=dilation, margin=8.0)

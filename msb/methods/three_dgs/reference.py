@@ -1,4 +1,4 @@
-"""3DGS as drawn by its official kernel, in the official order of operations, or by the rules of gsplat.
+"""Renders 3DGS in the official order of operations, or by the rules of gsplat.
 
 Sources: graphdeco-inria/diff-gaussian-rasterization at 59f5f77: cuda_rasterizer/forward.cu, auxiliary.h; for
 antialiased models its branch dr_aa; nerfstudio-project/gsplat at 90d7b4b: gsplat/cuda/_torch_impl.py.
@@ -45,7 +45,7 @@ class Projected(NamedTuple):
     center : (N, 2)
         Positions in samples, with sample centres at integers.
     covariance, sharp : (N, 3)
-        xx, xy, yy in square samples, with and without the dilation.
+        Screen covariances xx, xy and yy in square samples, with and without the dilation.
     with_depth : (N, 2)
         Covariances of x and y with the depth.
     """
@@ -121,8 +121,10 @@ def render(
 def _project(
     covariance: Reals, mean: Reals, point: Reals, view: SplattingCamera, rasterizer: str
 ) -> Projected:
-    """Return Gaussians on the screen; `covariance` (N, 6) is in world space, `point` (N, 3) in camera
-    space."""
+    """Return Gaussians on the screen.
+
+    `covariance` (N, 6) is in world space, and `point` (N, 3) is in camera space.
+    """
     real, z = mean.dtype.type, point[:, 2]
     size = np.array([view.width, view.height], real)
     focal = size / (2 * view.tan_fov)
@@ -137,7 +139,7 @@ def _project(
     w, zero = view.world_to_camera[:3, :3], np.zeros_like(z)
     p = _combine(w, focal[0] / z, zero, -(focal[0] * tx) / (z * z))
     q = _combine(w, zero, focal[1] / z, -(focal[1] * ty) / (z * z))
-    # The products of J W and the covariance, and its three entries on the screen.
+    # The product of J W with the covariance, and the three entries of the screen covariance.
     xx, xy, xz, yy, yz, zz = covariance.T
     columns = ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
     vp = [_sum(p, column) for column in columns]
@@ -158,7 +160,7 @@ def _project(
 def _tiles(
     shapes: Projected, determinant: Reals, opacity: Reals, view: SplattingCamera, rasterizer: str
 ) -> tuple[Rectangles, NDArray[np.bool_]]:
-    """Return the tiles of N Gaussians, and a mask (N,) of Gaussians that the rasterizer drops here."""
+    """Return the tiles of N Gaussians, and a mask (N,) of Gaussians that the rasterizer drops."""
     real, center = opacity.dtype.type, shapes.center
     xx, _, yy = shapes.covariance.T
     if rasterizer == "gsplat":

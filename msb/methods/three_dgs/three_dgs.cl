@@ -19,10 +19,10 @@
 #endif
 #define LOG2E 1.4426950408889634f
 
-// A row of `positions` has the mean, and xx, xy, xz, yy, yz, zz of the covariance; coverage is the opacity.
-// At a sample (dx, dy) from the mean, the Gaussian is 2^(a dx^2 + b dx dy + c dy^2).
-// If the exponent is below `limit`, alpha is below 1/255.
-// The density along the ray of a sample is largest at depth - rise . (dx, dy).
+// A row of `positions` has the mean, and the covariance entries xx, xy, xz, yy, yz, zz. The array coverage
+// has the opacity. At a sample (dx, dy) from the mean, the Gaussian is 2^(a dx^2 + b dx dy + c dy^2). If the
+// exponent is below `limit`, alpha is below 1/255. The density along the ray of a sample is largest at
+// depth - rise . (dx, dy).
 #define FACE_MEMBERS(REAL, INT)                                                                              \
     {                                                                                                        \
         REAL x, y, a, b, c, opacity, limit, depth, rise[2], color[3], unused[6];                             \
@@ -31,8 +31,8 @@
 typedef struct BY_EIGHTS Face FACE_MEMBERS(float, int) Face;
 typedef struct FACE_MEMBERS(real, mask) Faces;
 
-// Three points around the mean, at 3.4 standard deviations or more; splat_bounds.cl makes a sphere from them.
-// Beyond 3.33 standard deviations, alpha is below 1/255.
+// Returns three points around the mean, at 3.4 standard deviations or more. splat_bounds.cl computes a sphere
+// from the three points. Beyond 3.33 standard deviations, alpha is below 1/255.
 void corners_of(const size_t *rows, __global const float *positions, __global const uint *indices,
                 vec3 *corners)
 {
@@ -115,7 +115,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     real with_x = dot3(vp, ahead), with_y = dot3(vq, ahead);
     f->rise[0] = (yy * with_x - xy * with_y) * inverse;
     f->rise[1] = (xx * with_y - xy * with_x) * inverse;
-    // negative if alpha is always below 1/255
+    // the limit is negative if alpha is always below 1/255
     real level = log2_fast(greater(255.0f * opacity, (real)1e-30f));
     f->limit = -level - 1e-4f;
 
@@ -128,7 +128,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     real reach = root(greater((2.0f / LOG2E) * (level + 2e-4f), (real)0.0f));
     real reach_x = reach * root(xx) + 0.01f, reach_y = reach * root(yy) + 0.01f;
     Box box = box_of((vec2){f->x - reach_x, f->y - reach_y}, (vec2){f->x + reach_x, f->y + reach_y}, view);
-    // A Gaussian whose covariance is indefinite by rounding may be visible anywhere.
+    // If rounding makes the covariance indefinite, the Gaussian may be visible anywhere.
     mask odd = !(determinant > 0.0f);
     f->x0 = odd ? (mask)0 : box.x0;
     f->y0 = odd ? (mask)0 : box.y0;
@@ -181,7 +181,8 @@ Columns columns_of(FACE_POINTER f, real x, __constant View *view)
 }
 
 #if LANES == 8
-// Returns which row pairs y, y + 1 (one per lane) contain a sample with an exponent of `limit` or more.
+// Returns a mask of the row pairs y, y + 1 (one pair per lane).
+// A sample of each marked pair has an exponent of `limit` or more.
 // Only the eight columns from `left` on are tested.
 // The largest exponent of a row is at dx = -b dy / 2a, or at the nearer end of the row.
 mask reaches(FACE_POINTER f, float left, real y)

@@ -30,9 +30,9 @@ def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
         near=0.01,
         far=100.0,
         # Two edges of a triangle can be nearly parallel (determinant 1e-3). Rounding shifts the intersection
-        # of these edges by up to 0.1 % of its distance from the first sample. The distance is at most the
-        # raster's side plus 1600 samples, because a face extends at most 1600 samples beyond the raster.
-        # `Culling` adds a margin in proportion to the raster's side.
+        # of two nearly parallel edges by up to 0.1 % of its distance from the first sample. The distance is
+        # at most the raster's side plus 1600 samples, because a face extends at most 1600 samples beyond the
+        # raster. `Culling` adds a margin in proportion to the raster's side.
         culling=Culling(nearest=0.2, dilation=1.0, margin=8.0),
         method_values={"broadcast_z": np.uint32(settings["view_dir"] == "broadcast_z")},
         outputs=("normal", "depth_median"),

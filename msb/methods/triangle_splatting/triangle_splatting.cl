@@ -10,7 +10,7 @@
 #define SMALL_IS_DROPPED 1
 
 // The array coverage has opacity, sigma, the phi with o phi^sigma = 0.01, and the rim.
-// The rim is the phi below which alpha is under 1/255.
+// The rim is the value of phi below which alpha is less than 1/255.
 
 #if ENGINE
 #define LINES 12

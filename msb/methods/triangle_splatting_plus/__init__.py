@@ -1,5 +1,7 @@
-"""Triangle Splatting+ is the predecessor of MeshSplatting. The two methods have nearly the same file layout
-and image formation."""
+"""Triangle Splatting+ is the predecessor of MeshSplatting.
+
+Triangle Splatting+ and MeshSplatting have nearly the same file layout and image formation.
+"""
 
 from dataclasses import replace
 

@@ -10,7 +10,8 @@ from msb.adapters.model import Content
 from msb.methods.mesh_splatting import adapter as sibling
 
 KEYS = sibling.KEYS
-# MeshSplatting's adapter also reads models of Triangle Splatting+. Mesh files are read as for MeshSplatting.
+# MeshSplatting's adapter also reads models of Triangle Splatting+. Mesh files are read by the code for
+# MeshSplatting.
 read = partial(sibling.read, method="triangle_splatting_plus")
 
 

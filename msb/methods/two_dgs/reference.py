@@ -1,4 +1,4 @@
-"""2DGS as drawn by its official kernel, in the official order of operations, or by the rules of gsplat.
+"""Renders 2DGS in the official order of operations, or by the rules of gsplat.
 
 Sources: hbb1/diff-surfel-rasterization at e0ed020: cuda_rasterizer/forward.cu, auxiliary.h;
 nerfstudio-project/gsplat at 90d7b4b: gsplat/cuda/_torch_impl_2dgs.py.
@@ -127,8 +127,11 @@ def render(
 
 
 def _homography(discs: Activated, view: SplattingCamera) -> tuple[Reals, Reals, Reals]:
-    """Return Tu, Tv, Tw (N, 3). The products of Tu, Tv and Tw with (u, v, 1) are x times depth, y times
-    depth, and depth. The positions x and y are in samples."""
+    """Return the rows Tu, Tv, Tw (N, 3) of the matrix from disc coordinates to the screen.
+
+    The products of Tu, Tv and Tw with (u, v, 1) are x times depth, y times depth, and depth. The positions x
+    and y are in samples.
+    """
     full, real = view.full_projection, discs.mean.dtype.type
     columns = [*(discs.rotation[:, :, k] * discs.deviation[:, k : k + 1] for k in range(2)), discs.mean]
 

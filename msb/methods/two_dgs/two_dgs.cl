@@ -35,7 +35,8 @@
 typedef struct BY_EIGHTS Face FACE_MEMBERS(float, int) Face;
 typedef struct FACE_MEMBERS(real, mask) Faces;
 
-// Three points around the mean, at 3.4 standard deviations or more; splat_bounds.cl makes a sphere from them.
+// Returns three points around the mean, at 3.4 standard deviations or more. splat_bounds.cl computes a sphere
+// from the three points.
 void corners_of(const size_t *rows, __global const float *positions, __global const uint *indices,
                 vec3 *corners)
 {
@@ -62,8 +63,8 @@ void prefetch_colors(size_t row, const Source *source, __constant View *view)
 }
 #endif
 
-// Computes the middle and the squared half sides of the box around a disc with this squared radius.
-// Returns whether the box exists; it does not if the camera's plane touches the disc.
+// Computes the middle and the squared half sides of the box around a disc with the given squared radius.
+// Returns false if the camera's plane touches the disc, because the box then does not exist.
 mask disc_box(const Faces *f, real square, vec2 *middle, vec2 *squares, real *d)
 {
     *d = square * (f->r[0] * f->r[0]) + square * (f->r[1] * f->r[1]) - f->r[2] * f->r[2];
@@ -98,7 +99,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     f->normal[1] = normal.y;
     f->normal[2] = normal.z;
 
-    // Columns p, q, r (3) for both axes and the mean: the screen position times depth, and the depth.
+    // For both axes and the mean, p and q hold the screen position times depth, and r holds the depth.
     __constant float *full = view->full;
     float w = (float)view->width, h = (float)view->height;
     float middle_x = (w - 1.0f) / 2.0f + view->shift[0], middle_y = (h - 1.0f) / 2.0f + view->shift[1];

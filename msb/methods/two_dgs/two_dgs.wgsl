@@ -32,8 +32,8 @@ fn point_seen(rows: vec3<u32>) -> vec3<f32> { return position(rows.x); }
 
 fn linear(row: vec4<f32>, v: vec3<f32>) -> f32 { return dot3(row.xyz, v); }
 
-// Computes the box around a disc with this squared radius.
-// The box does not exist if `divisor` is 0; if `divisor` is not negative, the camera's plane cuts the disc.
+// Computes the box around a disc with the given squared radius. The box does not exist if `divisor` is 0; if
+// `divisor` is not negative, the camera's plane cuts the disc.
 struct DiscBox {
     middle: vec2<f32>,
     squares: vec2<f32>, // squares of half the sides
@@ -71,7 +71,7 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     result.depth = t.z;
     let opacity = coverage[start];
 
-    // Columns p, q, r for both axes and the mean: the screen position times depth, and the depth.
+    // For both axes and the mean, p and q hold the screen position times depth, and r holds the depth.
     let size = vec2<f32>(f32(view.width), f32(view.height));
     let middle = keep2((size - 1.0) / 2.0 + view.shift);
     var p: vec3<f32>;
@@ -97,7 +97,8 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     }
     let extent = vec2<f32>(root(greater(box.squares.x, LEAST)), root(greater(box.squares.y, LEAST)));
 
-    // The samples with an alpha of 1/255 or more, of the disc, and of the filter around the middle of the official box.
+    // The samples with an alpha of 1/255 or more. The samples belong to the disc, or to the filter around the
+    // middle of the official box.
     let limit = 2.0 / LOG2E * log2(greater(mul(255.0, opacity), 1e-30)) + 1e-3;
     let reach = disc_box(p, q, r, greater(limit, 0.0));
     let far = dot2(reach.middle, reach.middle);

@@ -24,7 +24,7 @@ from msb.meshes.ply_table import PlyTable
 KEYS = ("_vertex", "_opacity", "_f_dc", "_f_rest")
 _CORNERS = tuple(f"{axis}{corner}" for corner in (1, 2, 3) for axis in "xyz")
 _PLY_NAMES = (*_CORNERS, "opacity", "f_dc_0", "f_dc_1", "f_dc_2")
-# The configuration key of each setting in the section "model", and the official default of the setting.
+# The key of each setting in the configuration section "model", and the official default.
 _UPSTREAM: dict[str, tuple[str, Any]] = {
     "rasterizer": ("rasterizer_type", "3D"),
     "sh_degree": ("max_sh_degree", None),
@@ -136,7 +136,7 @@ def _table_tensors(table: PlyTable, file: Path, check_values: bool) -> Tensors:
     width = sum(name.startswith("f_rest_") for name in table.names)
     rest = [f"f_rest_{i}" for i in range(width)]
     if set(rest) - set(table.names) or width % 3:
-        text = f"it has {width} properties f_rest_*; the SH degrees 0 to 3 have 0, 9, 24 or 45 of them"
+        text = f"the PLY has {width} properties f_rest_*; SH degrees 0 to 3 need 0, 9, 24 or 45"
         raise CheckpointError("CHECKPOINT_LAYOUT", text, file=file, pointer="f_rest")
     columns: dict[str, tuple[Sequence[str], tuple[int, ...]]] = {
         "vertex": (_CORNERS, (3, 3)),

@@ -58,7 +58,7 @@ def splat_model(asset: Asset, settings: Mapping[str, Any]) -> SplatModel:
     opacity = sigmoid(required_buffer(asset, "opacity", asset.manifest.face_count))
     if settings["ste_threshold"] is not None:
         step = (opacity > np.float32(settings["ste_threshold"])).astype(np.float32)
-        # float32 rounding may give a value just beside 1, as in the official code
+        # float32 rounding may give a value slightly above or below 1, as in the official code
         opacity = (step - opacity) + opacity
     return SplatModel(
         program="two_dts",

@@ -18,7 +18,9 @@ SUFFIXES = (".glb", ".ply")
 
 
 def write(asset: Asset, path: Path) -> None:
-    """Write the triangles inside the scene box and above the STE threshold, if the model sets them.
+    """Write the triangles inside the scene box and above the STE threshold.
+
+    A model may have no box and no threshold.
 
     Without back-face culling, each triangle is written twice, with both orientations.
     The formats follow GaodeRender/triangle-splatting at 54c80f7: export scripts.

@@ -1,4 +1,6 @@
-"""2DTS: a triangle soup with a Gaussian-like falloff of global sharpness gamma, drawn by two rasterizers.
+"""2DTS: a triangle soup with a Gaussian-like falloff, drawn by two rasterizers.
+
+The sharpness gamma of the falloff is global.
 
 Sources, at 54c80f7 of GaodeRender/triangle-splatting: src/diff_recon/models/VanillaTS_model.py (activations,
 gamma rescale, threshold, up-scaling), submodules/diff-triangle-rasterization-2D and -3D: src/forward.cu,
@@ -39,7 +41,7 @@ from msb.scenes import Camera
 NEAR, FAR = 1.0, 1000.0
 # Minimum divisor and minimum area of the official kernels.
 EPS = 1e-8
-# Ratio of the bounds of a triangle to the triangle, both measured from the centroid.
+# Ratio between the size of a triangle's bounds and the size of the triangle, measured from the centroid.
 DILATION = 3
 # Upper limits of alpha and of the eccentricity.
 MAX_ALPHA = 0.99
@@ -284,8 +286,8 @@ class EngineRasterizer:
 
 
     Graphics hardware draws nothing outside a triangle, but the falloff of this method extends beyond the
-    edges. Each triangle is enlarged about its centroid until it contains the whole falloff. An engine can do
-    this in a vertex shader.
+    edges. Each triangle is enlarged about its centroid until it contains the whole falloff. A game engine can
+    enlarge triangles in a vertex shader.
 
     `AffineRasterizer` explains the attributes. The attribute `radius` is 0. Pass the result of the function
     `reach` as `reached` (F,).

@@ -1,4 +1,4 @@
-// 2DTS: a triangle soup with a Gaussian-like falloff of global sharpness gamma, and two rasterizers.
+// 2DTS: a triangle soup with a Gaussian-like falloff of global sharpness, and two rasterizers.
 // Sources: GaodeRender/triangle-splatting at 54c80f7: submodules/diff-triangle-rasterization-2D and -3D:
 // src/forward.cu, src/auxiliary.h.
 
@@ -23,10 +23,11 @@
 #elif PLANAR
 // corner is corner 1 in camera space, and distance is the product of corner and the normal.
 // The vector from this corner to a point of the plane gives two barycentric coordinates.
-// The product of this vector and dual2 is coordinate 2, and the product with dual3 is coordinate 3.
+// The product of this vector and dual2 is barycentric coordinate 2, and the product with dual3 is
+// barycentric coordinate 3.
 #define SHAPE(REAL) REAL corner[3], dual2[3], dual3[3], distance;
 #else
-// Corners in samples, 1 / twice the area, and camera depth of the corners.
+// Corner positions in samples, the value 1 / (2 area), and the camera depths of the corners.
 #define SHAPE(REAL) REAL x[3], y[3], inverse, z[3];
 #endif
 // The value limit is the eccentricity limit of `coverage`.
@@ -197,7 +198,7 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     kept &= (official->x1 > official->x0) & (official->y1 > official->y0);
     f->x0 = box.x0;
     f->y0 = box.y0;
-    // the official code keeps such faces, but they are visible nowhere
+    // the official code keeps such faces, although they cover no sample
     f->x1 = f->limit < 0.0f ? (mask)-1 : box.x1;
     f->y1 = box.y1;
     return kept;
@@ -237,8 +238,8 @@ Columns columns_of(FACE_POINTER f, real x, __constant View *view)
 
 #if LANES == 8
 #define ABS(x) ((x) < 0.0f ? -(x) : (x))
-// Return which row pairs y, y + 1 (one per lane) may contain a covered sample in the eight columns that begin
-// at `left`.
+// Returns a mask of the row pairs y, y + 1 (one pair per lane) that may contain a covered sample.
+// Only the eight columns from `left` on are tested.
 // At a covered sample, all three barycentric coordinates are above (1 - limit) / 3.
 // Test each coordinate at the corner of the block where the coordinate is largest.
 mask reaches(FACE_POINTER f, float left, real y)

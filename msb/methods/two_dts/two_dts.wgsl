@@ -1,5 +1,5 @@
-// 2DTS: a triangle soup with a Gaussian-like falloff of global sharpness gamma, and two rasterizers.
-// This file translates two_dts.cl for graphics hardware; the comments there explain more.
+// 2DTS: a triangle soup with a Gaussian-like falloff of global sharpness, and two rasterizers. This file
+// translates two_dts.cl for graphics hardware; the comments there explain more.
 // Sources: GaodeRender/triangle-splatting at 54c80f7: submodules/diff-triangle-rasterization-2D and -3D:
 // src/forward.cu, src/auxiliary.h.
 
@@ -20,7 +20,8 @@ struct Face {
 #else
 #if PLANAR
 // The vector from corner 1 in camera space to a point of the plane gives two barycentric coordinates.
-// The product of this vector and dual2 is coordinate 2, and the product with dual3 is coordinate 3.
+// The product of this vector and dual2 is barycentric coordinate 2, and the product with dual3 is
+// barycentric coordinate 3.
 struct Face {
     quad: vec4<f32>,
     corner: vec4<f32>, // then the product of corner 1 and the normal

@@ -19,7 +19,7 @@ _BYTES = ("global_memory", "max_allocation", "local_memory")
 
 @command("msb devices", "msb devices -v --device cpu", "msb devices --json -")
 def devices(drawing: Annotated[RendererOptions, ("device",)], output: JsonOutput) -> None:
-    """List the OpenCL devices, whether each builds kernels, the default device, and the renderers.
+    """List the OpenCL devices and the renderers of this machine, with their problems.
 
     Every device is tested again. -v shows all limits and capabilities, and the workarounds that a device
     needed. docs/opencl.md explains how to get more devices, and docs/engines.md explains how to install
@@ -85,7 +85,10 @@ def _print(tried: list[Tried], choice: Choice | None, hints: list[str], output: 
 
 
 def _list_renderers(choice: Choice | None) -> list[dict[str, Any]]:
-    """Return every renderer: its name, its module, and why it cannot draw here (None if it can)."""
+    """Return the name, the module and the problem of every renderer.
+
+    The problem is None if the renderer can draw on this machine.
+    """
     from msb.render.backend import ON_OPENCL, renderers, why_unavailable
 
     without = None if choice else "no OpenCL device on this machine builds kernels"

@@ -45,7 +45,9 @@ class RenderOptions:
     ] = None
     tier: Annotated[
         Literal["reference", "dedicated", "standard", "both"],
-        Option("Tier to render; msb methods describes the tiers. both: dedicated and standard."),
+        Option(
+            "Tier to render; msb methods describes the tiers. Pass both to render dedicated and standard."
+        ),
     ] = "standard"
     scene: Annotated[
         Path | None,

@@ -1,7 +1,8 @@
 """The model that the splatting pipeline draws, and helper functions that build one from an asset.
 
 The module `native` of a method has a function ``splat_model(asset, settings)`` that returns a `SplatModel`.
-The method's only kernel file is in the same folder. The head of `splat_stages.cl` describes its contents.
+The method's only kernel file is in the same folder. The comment at the top of `splat_stages.cl` lists the
+required contents of the kernel file.
 """
 
 from collections.abc import Mapping
@@ -59,7 +60,7 @@ class SplatModel:
     outputs : tuple of str
         The optional fields of a frame that the method defines.
     raw : mapping
-        For the name of an official buffer, our plane with equal content.
+        Maps the name of an official buffer to our plane with the same content.
     """
 
     program: str
@@ -85,7 +86,7 @@ class SplatModel:
         """The first and the last sample along each axis that are averaged into a pixel.
 
         With `box_mean`, all samples of the pixel are averaged. Without `box_mean`, a pixel is the mean of the
-        one or two middle samples. This is bilinear interpolation at its centre.
+        one or two middle samples. This mean is bilinear interpolation at the centre of the pixel.
         """
         return (0, self.scale - 1) if self.box_mean else ((self.scale - 1) // 2, self.scale // 2)
 

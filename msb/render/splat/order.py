@@ -74,7 +74,7 @@ def keep_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays)
 
 
 def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays) -> bool:
-    """Sort the `count` faces of a model that the scope keeps; return whether they were sorted.
+    """Sort the `count` faces of a model that the scope keeps. Return whether the faces were sorted.
 
     In a triangle soup all per-face arrays are permuted together. In an indexed mesh the index rows are
     permuted, and the vertex arrays are sorted along the same curve. The kept model becomes a copy in

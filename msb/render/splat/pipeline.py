@@ -89,8 +89,8 @@ class SplattingPipeline(OnDevice):
         "engine" generates fragments like graphics hardware; see docs/dedicated.md.
     early_stop, exact_tiles : bool
         Optimisations. `early_stop` ends the blending of a pixel that cannot change any more. `exact_tiles`
-        lists a face only in the official tiles that it reaches. Both options leave every pixel unchanged. The
-        benchmark measures the time that these options save.
+        lists a face only in the official tiles that it reaches. The options `early_stop` and `exact_tiles` do
+        not change any pixel. The benchmark measures the time that these options save.
     """
 
     name = "msb-dedicated"
@@ -323,7 +323,7 @@ class SplattingPipeline(OnDevice):
         """Yield bands of samples, which all use the same memory. If `whole` is true, yield one band with the
         whole raster."""
         columns, rows, scale = seen.columns, seen.rows, self._model.scale
-        # A band is a whole number of rows of tiles and of rows of pixels.
+        # A band consists of complete tile rows and complete pixel rows.
         step = math.lcm(TILE, scale) // TILE
         room = _BAND_BYTES[self._device.style]
         if self._device.style == "cpu":

@@ -61,7 +61,7 @@ def method_members(method_values: Mapping[str, np.generic]) -> dict[str, str]:
 class Culling:
     """The bounds outside which a method draws no face."""
 
-    # Minimum depth (camera z in scene units); faces at or below it are dropped.
+    # Minimum depth (camera z in scene units). Faces at this depth or nearer are dropped.
     nearest: float
     # Extent of a face from its centroid, as a multiple of the distances of its corners.
     dilation: float
@@ -92,9 +92,8 @@ def make_view(
     to last. The camera centre is computed from the float32 W in double precision, and rounded. The last bits
     of the official float32 inverse depend on the linear algebra library. The official code ignores the
     principal point. This function adds the offset of the principal point from the image centre to the sample
-    positions. Adding a distance of 0 has no effect. Sources: GaodeRender/triangle-splatting:
-    src/diff_recon/utils/camera.py; trianglesplatting/triangle-splatting: utils/graphics_utils.py,
-    scene/cameras.py.
+    positions. Sources: GaodeRender/triangle-splatting: src/diff_recon/utils/camera.py;
+    trianglesplatting/triangle-splatting: utils/graphics_utils.py, scene/cameras.py.
     """
     view = np.zeros(
         (), [*VIEW.descr, ("own", [(name, value.dtype) for name, value in method_values.items()])]

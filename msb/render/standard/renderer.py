@@ -91,7 +91,7 @@ class StandardRenderer(OnDevice):
     ) -> Frame:
         """Draw the asset from `camera` over `background` (RGB in the asset's colour space).
 
-        With supersampling, image and alpha are means over the samples of a pixel. Depth and face are those of
+        With supersampling, image and alpha are means over the samples of a pixel. Depth and face belong to
         the nearest sample. Without supersampling, `out` may be a frame of this size that is no longer needed.
         The function overwrites the arrays of `out`. Passing `out` saves time, because the first access to new
         memory takes longer than the copy.
@@ -253,8 +253,8 @@ def view_record(camera: Camera) -> NDArray[np.float32]:
     """Return the camera record of zbuffer_math.cl, (VIEW_WORDS,) float32, computed in float64.
 
     The camera's centre is split into its nearest float32 and a remainder. A camera far from the origin
-    therefore loses no precision. The kernels subtract the float32 part before they rotate a point. The
-    remainder is rotated here; the kernels add it afterwards.
+    therefore loses no precision. The kernels subtract the float32 part before they rotate a point. The host
+    rotates the remainder, and the kernels add the rotated remainder to the point.
     """
     rotation = camera.world_to_camera[:3, :3]
     # the transpose would be inexact, because rotations are orthonormal only to 1e-4

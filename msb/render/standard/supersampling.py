@@ -35,8 +35,8 @@ def enlarge(camera: Camera, scale: int) -> Camera:
 def box_filter(frame: Frame, scale: int) -> Frame:
     """Return a frame whose pixels each combine `scale` x `scale` pixels of `frame`.
 
-    Image and alpha are means. Depth and face are taken from the nearest sample. If samples have equal
-    depths, the lowest face number wins.
+    Image and alpha are means over the samples. Depth and face are taken from the nearest sample. If samples
+    have equal depths, the lowest face number wins.
     """
     image, alpha = box_mean(frame.image, scale), box_mean(frame.alpha, scale)
     # The bits of positive floats sort in the order of the floats. As an unsigned number, the face -1 of the

@@ -21,7 +21,7 @@ _DEFINES = {
 }
 # Maximum number of texels; the kernels number texels with an int.
 _MOST = 2**31 - 1
-# For each sRGB byte, the linear light in 16 bits.
+# Maps an sRGB byte to linear light with 16 bits.
 _LINEAR = np.rint(LINEAR * 65535).astype(np.uint16)
 
 

@@ -56,7 +56,7 @@ class Triangles:
     colors: Buffer
     # (6, stride) float32: centre and half extent of each cluster.
     boxes: Buffer
-    # The kind of colours; the kernels call it COLORS.
+    # The kind of colours, which the kernels call COLORS.
     kind: int
     slots: int
     clusters: int
@@ -181,8 +181,8 @@ def _cells(asset: Asset) -> tuple[NDArray[np.float32], np.float32]:
     """Return the origin and the cells per unit of the grid that orders triangles.
 
     The grid spans the bounds of the vertices, but at most 1.5 times the range from the 2nd to the 98th
-    percentile. Captured scenes have a few triangles far away. If the grid covered them, all other triangles
-    would share a single grid cell.
+    percentile. Captured scenes have a few triangles far away. If the grid covered these triangles, all other
+    triangles would share a single grid cell.
     """
     positions, bounds = asset.buffers["positions"], asset.manifest.bounds
     step = max(1, len(positions) // _SAMPLES)
