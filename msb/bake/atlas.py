@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 # Texture cells of a triangle soup.
 #
 # Number of smaller mip levels in which no texel mixes the colours of two faces. A second level doubles the
-# margins around the faces. If the first number would shrink the faces below `_MIN_SCALE` of their requested
-# side lengths, the second number is used.
+# margins around the faces. With two smaller mip levels, the faces may not fit. One level is then used, namely
+# if the side lengths would shrink below `_MIN_SCALE` of the requested lengths.
 MIP_LEVELS = (2, 1)
 _MIN_SCALE = 0.7
 # Both legs of a face are shortened by this number of texels. Rounding to float32 then cannot move a corner
-# out of its cell.
+# into another texture cell.
 _SLACK = 1 / 64
 # Number of bisection steps for the largest scale that fits. With 16 steps, the scale is exact to 2^-15.
 _BISECTIONS = 16
@@ -54,13 +54,13 @@ _MIN_CHART_SCALE = 1 / 4
 class _Cells(NamedTuple):
     """Rectangular cells of a texture and the faces in them.
 
-    All lengths of texture cells are in blocks. The first `MIP_LEVELS` smaller mip levels keep the faces
-    separate. A block is one texel of the smallest mip level that keeps faces separate.
+    All lengths are measured in blocks. A block is one texel of the smallest mip level that keeps faces
+    separate.
     """
 
-    # (C, 2) width and height of each cell.
+    # (C, 2) the width and height of each cell.
     sides: Ints
-    # (F, 2) the lengths of the legs of each face. A face that is only a point has the length 0.
+    # (F, 2) the lengths of the legs of each face. The length is 0 if the face is only a point.
     legs: Ints
     # (F,) the index of the cell that holds each face.
     cell: Ints
@@ -73,8 +73,8 @@ def make_soup_atlas(corners: NDArray[Any], pixels: Floats, size: int) -> Singles
 
     In the texture, each face is a right triangle. The ratio of the triangle's two legs is the ratio of the
     two shorter sides of the face. The triangle's area in texels is the number of pixels that show the face.
-    If the texture is too small, all areas are reduced by the same factor. A face becomes a point of one
-    colour if no pixel shows the face or if its longer leg is below half a block.
+    If the texture is too small, all areas are reduced by the same factor. A face that no pixel shows becomes
+    a point with one colour. A face whose longer leg is below half a block also becomes a point.
 
     Parameters
     ----------
@@ -132,11 +132,10 @@ def _pack(legs: Floats, blocks: int, block: int) -> tuple[float, _Cells, Ints | 
 
 
 def _make_cells(legs: Floats, block: int) -> _Cells:
-    """Return cells for faces with legs (F, 2) in blocks, rounded up to whole blocks.
+    """Return cells for faces with legs (F, 2) in blocks, each cell rounded up to whole blocks.
 
     Sampling a mip level interpolates between texel centres. A single face in a texture therefore needs a
-    margin of half a block on all sides. Two faces in one cell need two more blocks between them in each
-    direction.
+    margin of half a block on all sides.
     """
     whole = np.rint(legs).astype(np.int64)
     whole = np.where(whole[:, :1] > 0, np.maximum(whole, 1), 0)
@@ -145,8 +144,8 @@ def _make_cells(legs: Floats, block: int) -> _Cells:
     is_paired = (whole + 3).prod(axis=1) < 2 * (whole + 1).prod(axis=1)
     sides = []
     cell, number, count = np.zeros(len(legs), np.int64), np.zeros(len(legs), np.int64), 0
-    # Describe single faces and pairs: the mask of the faces, the faces per cell, and the margin of a cell in
-    # blocks.
+    # For single faces, pairs of faces and points: select the faces, count the faces per cell, and set the
+    # margin in blocks.
     for chosen, per_cell, margin in (
         (is_paired, 2, 3),
         (~is_paired & ~is_point, 1, 1),
@@ -200,7 +199,7 @@ def _place_corners(cells: _Cells, places: Ints, block: int) -> Floats:
 
 
 def make_chart_atlas(vertices: NDArray[Any], faces: Ints, pixels: Floats, size: int) -> Singles:
-    """Return texture coordinates (3F, 2) of the charts that xatlas cuts a mesh into, in a square texture.
+    """Cut a mesh into charts with xatlas. Return texture coordinates (3F, 2) in a square texture.
 
     Parameters
     ----------
@@ -310,8 +309,8 @@ def _cut_charts(vertices: Singles, faces: NDArray[np.uint32]) -> tuple[Floats, I
         places.append(uv.astype(np.float64) * (cut.width, cut.height))
         charts.append(np.asarray(cut.get_mesh_vertex_assignment(number)[1]).astype(np.int64))
     chart = np.concatenate(charts)
-    # xatlas assigns faces without an area to no chart. These charts get a huge chart number. Faces without an
-    # area are invisible, so any chart is suitable.
+    # xatlas leaves faces without an area in no chart. xatlas gives these faces a huge chart number. Any chart
+    # is suitable, because faces without an area are invisible.
     chart[chart >= cut.chart_count] = 0
     return np.concatenate(places), joined, chart
 

@@ -30,8 +30,8 @@ class BlendingWeights:
     weight : (F,) float64
         The blending weight of each face, in pixels (see `msb.render.shares`).
     color : (F, 3) float64
-        The average colour of the images where they show the face, weighted by its blending weight; 0.5 if the
-        weight is 0.
+        The average image colour of the pixels that show the face, weighted by its blending weight. If the
+        weight is 0, the colour is 0.5.
     pixels : int
         The number of pixels of all images.
     """

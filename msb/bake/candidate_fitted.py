@@ -22,7 +22,7 @@ from msb.meshes.mesh import Mesh
 # Number of face-selection rounds that hide faces before any face moves. A selection round tries 8 % of the
 # faces, so 12 rounds try each face about once.
 _HIDING_ROUNDS = 12
-# Number of descent steps without a time limit: about 20 s for a demo model on two cores.
+# Number of descent steps without a time limit. For a demo model, these steps take about 20 s on two cores.
 _STEPS = 400
 # Length of a descent step at the start and at the end, relative to the size of a face. 400 steps can move a
 # corner by about three face sizes.
@@ -83,8 +83,8 @@ def make_fitted(
         best = BestState(validation)
         prune_faces(soup, asset, renderer, best, weights)
         soup = best.soup
-        # Compute the average number of pixels (F,) of each selected face, and the share of the view that all
-        # faces cover.
+        # Compute the average number of pixels (F,) that show each selected face. Also compute the share of
+        # the view that all faces cover.
         face_pixels = count_pixels(soup.refit_colors(renderer))[soup.selected] / len(renderer.images)
         covered = face_pixels.sum() / renderer.pixels_per_face(1)
     moving = context.limited_to(PIXELS_TO_MOVE)

@@ -19,14 +19,15 @@ from msb.topology.faces import face_vectors
 
 # Charts with fewer faces than this are merged into larger charts.
 MIN_CHART_FACES = 50
-# An unfolded corner may lie near the place of the same vertex in the chart. The corner moves to this place if
-# the distance is below this share of the shared edge. An unfolded corner at a larger distance becomes a seam.
+# The chart may already contain the vertex of an unfolded corner at a nearby place. The corner moves to this
+# place if the distance, relative to the length of the shared edge, is below this limit. Otherwise, the edge
+# of the face becomes a texture seam.
 _SNAP = 0.3
-# An unfolded face is tried with these heights above the shared edge, relative to its true height. The last
-# heights in the list are for faces in a gap of a chart, where the surface has a spike.
+# Heights to try for an unfolded face above the shared edge, relative to the true height of the face. The
+# smallest heights are for a spike of the surface, whose face must fit into a narrow gap of the chart.
 _HEIGHTS = (1.0, 0.8, 0.6, 0.3, 0.1)
-# For overlap tests, each face is shrunk to this size about its centre. Faces with a shared edge then do not
-# overlap.
+# For overlap tests, each face is scaled about its centre by this factor. Two faces with a shared edge then do
+# not overlap.
 _SHRINK = 0.97
 # Limits of the area of a face in the plane, divided by its area on the surface. The ratio is relative to the
 # average of all charts.
@@ -76,7 +77,8 @@ class _Merging:
             is_free = self.chart != np.bincount(self.chart).argmax()
         free = set(np.flatnonzero(is_free).tolist())
         self._grow(np.flatnonzero(~is_free).tolist(), free)
-        # Merge the remaining faces with each other: the largest remaining chart takes in its neighbours.
+        # Then merge the remaining faces with each other, beginning with the neighbours of the largest
+        # remaining chart.
         while free:
             rest = sorted(free)
             largest = np.bincount(self.chart[rest]).argmax()
@@ -123,8 +125,8 @@ class _Merging:
         square = float(side @ side)
         if square == 0:
             return False
-        # Compute the coordinates of c relative to the edge. The x axis lies along the edge, and the y axis
-        # points away from `host`.
+        # Compute the coordinates of corner c relative to the shared edge. The x axis lies along the edge, and
+        # the y axis points away from `host`.
         x = float(away @ side) / square
         y = float(np.sqrt(max(away @ away / square - x * x, 0)))
         across = np.array([-along[1], along[0]])

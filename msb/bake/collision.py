@@ -3,7 +3,7 @@
 A collision shape is made of a closed surface: the mesh itself, or an enclosure of the visible parts of an
 open mesh. For an object, the closed surface is reduced to fewer faces, or CoACD cuts it into convex parts.
 For a scene, the collision shape is a thin sheet behind the visible surface. If there is no closed surface,
-convex hulls of patches of the mesh are used. `Collision.kind` names the kind of the result.
+convex hulls of patches of the mesh are used. The field `kind` of a `Collision` names the shape that was made.
 """
 
 from collections.abc import Sequence
@@ -37,10 +37,10 @@ from msb.topology.weld import weld_vertices
 
 # Default time limit of CoACD in seconds. CoACD can run for minutes, and does not end for some surfaces.
 SECONDS = 20.0
-# A part of a shape protrudes if its distance from the visible surface exceeds this value.
+# A point of a shape protrudes if it is farther from the visible surface than this distance.
 PROTRUSION = 0.02
-# An unseen side of an enclosure moves to this distance from the mesh. Only sides within `2 * PROTRUSION` of
-# the mesh are moved. These sides do not count as protruding.
+# An unseen side of an enclosure moves to this distance from the mesh. Only sides nearer to the mesh than `2 *
+# PROTRUSION` are moved.
 _NEAR = PROTRUSION / 2
 
 # Parameters of the enclosure of an open mesh.
@@ -57,8 +57,8 @@ _SKY_RADIUS = 1.9
 
 # Shapes.
 #
-# The first value is the share of a sheet's faces on the visible side. The second value is the thickness of
-# the sheet in near radii. The remaining faces form the back and the rims of the sheet.
+# Share of the faces on the visible side of a sheet, and thickness of the sheet in near radii. The remaining
+# faces form the back and the rims of the sheet.
 _FRONT_SHARE, _SHEET_THICKNESS = 0.45, 0.02
 # A surface is first simplified to this multiple of its face budget, then to the budget. Simplification in a
 # single step would give a far worse shape.
@@ -67,7 +67,7 @@ _FIRST_STEP_FACTOR = 8
 _MAX_HULLS = 256
 # A convex part covers all points within this distance.
 _TOUCH_DISTANCE = 1e-3
-# A closed surface is simplified to this number of faces before CoACD, because CoACD is slow for many faces.
+# A closed surface is simplified to this number of faces first, because CoACD is slow for many faces.
 _COACD_FACES = 2000
 # Two parameters of CoACD: the number of sample points on a surface, and the number of trials per cut. The
 # values are below CoACD's defaults of 2000 and 150, so that CoACD finishes in time.
@@ -85,9 +85,9 @@ class Collision:
         Closed and consistently wound float32 mesh without colours. Hulls and boxes are wound outwards. A mesh
         keeps the winding of the visible surface. The faces are sorted by hull.
     kind : {"mesh", "hulls", "box"}
-        The kind that was made, which may differ from the requested one.
+        The kind of the shape, which may differ from the requested kind.
     parts : int
-        The number of convex parts of "hulls"; else 1.
+        The number of convex parts for the kind "hulls", else 1.
     mean_distance : float
         Average distance from the visible surface to the shape, as a share of the diagonal. The visible
         surface is the part of the mesh that the cameras see, or the whole mesh if there are no cameras.
@@ -154,7 +154,6 @@ def make_collision(
     # the whole mesh.
     step = -(-len(visible) // POINTS)
     samples = (visible[::step] - middle) / size if len(visible) else sample_surface(*surface)[0]
-    # The closed surface is the mesh itself or its enclosure.
     solid = surface if is_closed_surface(*surface) else None
     if solid is None and len(visible) and requested != "box":
         enclosure, around = _enclose(mesh, cameras, device)
@@ -241,8 +240,8 @@ def _normalize(mesh: Mesh, visible: Floats) -> tuple[Floats, Ints, Floats, float
     """Return the points and faces of the mesh relative to an origin, in a unit of length.
 
     Also return the origin and the unit. The origin is the centre of the visible points (n, 3). The unit is
-    the diagonal of their bounding box. Without visible points all points of the mesh are used. In an open
-    mesh, vertices with equal positions are merged, because they may only differ in colour.
+    the diagonal of their bounding box. Without visible points all points of the mesh are used. Colour seams
+    may store several vertices at one position. Merge such vertices in an open mesh.
     """
     if not len(mesh.faces):
         raise MeshError("MESH_ARRAY", "the mesh has no faces, so no collision shape can be made")
@@ -278,7 +277,7 @@ def _enclose(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None)
 def _pull_nearer(points: Floats, seen: Floats, faces: Ints) -> Floats:
     """Return the points of an enclosure after moving slightly protruding points towards the mesh.
 
-    Flat closed areas of unseen sides protrude, for example below a plate with a rim.
+    Unseen sides are closed by flat areas. Such an area can protrude, for example below a plate with a rim.
     """
     from scipy.spatial import cKDTree
 
@@ -307,7 +306,7 @@ def _reduce(solid: PointsAndFaces, count: int) -> PointsAndFaces:
 def _reduce_scene(surface: PointsAndFaces, count: int, space: Space) -> PointsAndFaces:
     """Reduce a surface to about `count` faces, most of them near the cameras.
 
-    For the reduction, distances from the middle are replaced by their square roots beyond the near radius.
+    Before the reduction, replace each distance from the middle by its square root beyond the near radius.
     """
     offset = (surface[0] - space.center) / space.radius
     inside, faces = _reduce((offset / np.sqrt(_measure_far_factor(offset)), surface[1]), count)
@@ -325,14 +324,14 @@ def _drop_sky(solid: PointsAndFaces, seen: PointsAndFaces, space: Space) -> Poin
 def _make_sheet(patch: PointsAndFaces, count: int, space: Space) -> PointsAndFaces:
     """Return a closed sheet of about `count` faces: a visible side, a back side, and rims."""
     points, faces = _reduce_scene(patch, max(1, int(_FRONT_SHARE * count)), space)
-    # The back side is offset along the vertex normals (V, 3), which are weighted by area.
+    # Offset the back side along the vertex normals (V, 3). Each normal is a sum of face normals weighted by
+    # area.
     corners = points[faces]
     normals = np.zeros_like(points)
     np.add.at(normals, faces, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), _TINY)
     back = points - _SHEET_THICKNESS * space.radius * normals
-    # A boundary edge (n, 2) is an edge that no other face traverses in the opposite direction. Each boundary
-    # edge gets two rim faces.
+    # Find the boundary edges (n, 2), which only one face has. Each boundary edge gets two rim faces.
     sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
     keys, reverse = sides[:, 0] * len(points) + sides[:, 1], sides[:, 1] * len(points) + sides[:, 0]
     a, b = sides[~np.isin(keys, reverse)].T
@@ -358,7 +357,7 @@ def _run_coacd(points: Floats, faces: Ints, most: int, seconds: float) -> tuple[
     reply = run_in_child(cut_in_child, str(most), {"points": points, "faces": faces}, Limits(seconds))
     if reply.why:
         return [], f"CoACD failed ({reply.why}), so hulls of patches of the surface are used"
-    # The child process concatenates the parts and counts the rows of each part.
+    # The child process returns concatenated parts, and the number of rows of each part.
     arrays = reply.arrays
     split = (
         np.split(arrays[name], np.cumsum(arrays[f"{name} per part"])[:-1]) for name in ("points", "faces")

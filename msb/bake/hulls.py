@@ -15,18 +15,20 @@ PATCH_CORNERS = 32
 # Thickness of a box or of the hull of a flat patch, relative to the diagonal. The thin shape is still a
 # solid.
 _MIN_THICKNESS = 1e-3
-# A hull is flat, and is thickened, if its volume is below this share of the cube of the diagonal.
+# A hull counts as flat if its volume, divided by the cube of the diagonal, is below this limit. Flat hulls
+# are thickened.
 _FLAT_VOLUME = 1e-6
 # Two neighbouring patches overlap by this distance at their cut, relative to the diagonal, so that no gap
 # remains.
 _OVERLAP = 4e-3
-# Cuts are tried at these quantiles of a patch's points along each principal axis.
+# A cut is a plane across a principal axis of a patch. Cuts are tried at these quantiles of the points along
+# the axis.
 _CUT_QUANTILES = (0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)
 # Number of sample points on the faces. Sample points are used in addition to the vertices, because large
 # faces have few vertices.
 _SAMPLE_POINTS = 5000
-# The search for the smallest box tries this number of the largest hull faces. The smallest box usually lies
-# on a large face.
+# Only this number of the largest hull faces is tried in the search for the smallest box. The smallest box
+# usually has a side on a large hull face.
 _MAX_BASES = 500
 _TINY = np.finfo(np.float64).tiny
 # The corners (8, 3) of a unit box, and its faces (12, 3).

@@ -56,7 +56,7 @@ def _measure_model_only(
 ) -> float:
     """Return the average PSNR in dB over the pixels that the model or the baked mesh covers.
 
-    The argument `covered` has the coverage masks (H, W) of the model. Pixels that neither mesh covers show
+    Use the background colour for pixels that neither mesh covers. Pixels that neither mesh covers show
     the background in both images.
     """
     values = []

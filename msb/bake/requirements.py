@@ -45,9 +45,9 @@ def check_model(options: BakeOptions, asset: Asset) -> None:
         return
     kind, _ = parse_collision(options.collision)
     modules = ("fast_simplification", "coacd") if kind == "hulls" else ("fast_simplification",)
-    # Kept triangles without a boundary stay closed, because the repair does not open holes. All meshes except
-    # closed kept triangles are enclosed by a closed surface first. If both steps need missing extras, a
-    # single error names all extras.
+    # Kept triangles without a boundary stay closed, because the repair does not open holes. For every other
+    # mesh, the collision shape is made from a closed surface around the mesh. If both steps lack an extra,
+    # one error names both extras.
     is_open = options.geometry != "kept"
     if not is_open:
         welded = weld_vertices(points, faces, "exact")

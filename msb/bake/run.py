@@ -59,7 +59,7 @@ class Baked:
     asset : Asset
         An asset of method "mesh" in memory, with a texture or vertex colours.
     report : Report
-        Its `sentence` is the result in one line; `to_dict` returns the data that `msb bake --json` writes.
+        `sentence` is the result in one line, and `to_dict` returns the data of `msb bake --json`.
     preview : Preview
         Images of the target, of the unbaked mesh and of the baked mesh side by side.
     lods : tuple of Asset
@@ -84,9 +84,9 @@ class Baked:
         Levels of detail and the collision shape are written next to each path: NAME_lod1, NAME_lod2, ...,
         NAME_collision.
 
-        A path without a suffix, or of an existing folder, is an output folder and must be the only path. An
-        output folder gets asset.glb and its companions, bake.json, preview.png and the page index.html. In an
-        existing folder only files written by an earlier bake are replaced.
+        An output folder must be the only path. A path is a folder if it has no suffix, or if a folder with
+        this name exists. An output folder gets asset.glb and its companions, bake.json, preview.png and the
+        page index.html. In an existing folder only files written by an earlier bake are replaced.
         """
         is_convex = self.report.collision is not None and self.report.collision.kind != "mesh"
         companions = self.lods if self.collision is None else (*self.lods, self.collision)
@@ -125,9 +125,9 @@ def bake(
         The scene that the model was trained on. Its training views supervise; its test views are only used
         for the report.
     cameras : iterable of Camera, optional
-        Views instead of a scene's; every 8th view is held out for the report. Default: the training cameras
-        if their file lies beside the model, else 40 generated views around the model or inside it. If there
-        are fewer than 40 supervising views, interpolated views are added.
+        Views to use instead of a scene. Every 8th view is held out for the report. Default: the training
+        cameras if their file lies beside the model, else 40 generated views around the model or inside it. If
+        there are fewer than 40 supervising views, interpolated views are added.
     background : (3,) floats, or str, optional
         As for `msb.render`. Default: the scene's background, else the asset's.
     device : str, optional
@@ -144,9 +144,9 @@ def bake(
     Other Parameters
     ----------------
     geometry : {"auto", "kept", "fitted", "surface"}, default "auto"
-        The model's own triangles, triangles moved until the opaque image matches, or one closed surface for
-        tools that need a solid. "auto" makes kept triangles and fitted triangles, and chooses the better
-        result on the validation views.
+        "kept": the model's own triangles. "fitted": triangles moved until the opaque image matches.
+        "surface": one closed surface for tools that need a solid. "auto" makes kept triangles and fitted
+        triangles, and chooses the better result on the validation views.
     for_solid : bool, default False
         With "auto": make fitted triangles and a surface, and choose the surface unless its verdict is bad. A
         mesh file with the verdict OK keeps its triangles, unless `faces` is given.
@@ -158,7 +158,7 @@ def bake(
         Photographs are chosen if they gain 0.5 dB on the photographs of the validation views. With
         photographs, the result no longer reproduces the native rendering.
     faces : int, optional
-        The largest number of fitted triangles, or the approximate number of a surface.
+        The largest number of fitted triangles, or the approximate number of triangles of a surface.
     texture : int, optional
         Texels along a side of the texture, 16 to 16384. Default: about one texel per pixel that shows the
         mesh in the images.
@@ -171,16 +171,16 @@ def bake(
         A collision shape: "mesh:N", "hulls:N" or "box" (`msb.bake.collision`).
     thickness : float, default 0.05
         The surface of an interior gets an outer skin, which makes it a solid of positive volume. In each
-        direction, the thickness of the walls is this share of the distance from the middle.
+        direction, the walls have this thickness, as a share of the distance from the middle.
     effort : {"draft", "normal", "fine"}, default "normal"
         The number of steps of each search: a quarter of the normal number, the normal number, or 2.5 times
         as many. The result does not depend on the speed or the load of the machine.
     seconds : float, optional
         Upper limit of the time to move fitted triangles, no limit by default. A surface takes about 1.5 times
         `seconds` in total. Fitted triangles and a surface together take about 2 times `seconds`. Each level
-        of detail adds `seconds` to the total time. A note reports the number of skipped steps. In this case,
-        the result depends on the speed of the machine. If `seconds` is 0, triangles move by a single step,
-        and the face selection still runs. The time for `collision` is not included.
+        of detail adds `seconds` to the total time. A note reports the number of skipped steps. The result
+        then depends on the speed of the machine. If `seconds` is 0, triangles move by a single step, and the
+        face selection still runs. The time for `collision` is not included.
     seed : int, default 0
         Seed of the search. Without a limit of `seconds`, bakes with one seed on one device have the same
         result.
@@ -207,11 +207,11 @@ def bake(
     Raises
     ------
     UsageError
-        An argument is invalid, or views from inside are requested for a flat asset.
+        An argument is invalid. Or views from inside are requested for a flat asset.
     MetricError
         `METRIC_NOTHING_SHOWN`: no view sees the asset.
     Unsupported
-        `UNSUPPORTED_TIER`: neither the dedicated nor the standard tier can draw the asset.
+        `UNSUPPORTED_TIER`: neither the dedicated tier nor the standard tier can draw the asset.
     AssetError, SceneError, DeviceError, InputError, CheckpointError, MeshFileError, MeshError
         Errors of `msb.Renderer`, `msb.open` and `msb.scenes.read_scene`.
 
@@ -325,10 +325,11 @@ def _measure_shape(
 
 @contextmanager
 def _catch_interrupt(keep_best: bool) -> Iterator[Callable[[], bool]]:
-    """Yield a function that returns whether to stop.
+    """Yield a function that returns whether the search should stop.
 
-    With `keep_best`, the function returns true after the first Ctrl-C. A second Ctrl-C interrupts the program
-    as usual. Only the main thread receives signals. In other threads the function returns false.
+    If `keep_best` is true, the function returns true after the first Ctrl-C. A second Ctrl-C interrupts the
+    program as usual. Outside the main thread, the function always returns false, because only the main thread
+    receives signals.
     """
     received: list[int] = []
     if not keep_best or threading.current_thread() is not threading.main_thread():

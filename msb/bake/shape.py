@@ -1,7 +1,8 @@
 """The shape of a surface: how strongly it bends, and how far it is from a true surface.
 
-PSNR cannot detect dents, because unlit images of a dented surface look right. Over 16 surfaces of one object,
-the rank correlation with the average angle to the true normals was 0.95 for the bending and 0.02 for PSNR.
+PSNR cannot detect dents, because unlit images of a dented surface look right. For 16 surfaces of one object,
+the average angle to the true normals was known. Its rank correlation was 0.95 with the bending, and 0.02 with
+PSNR.
 """
 
 from __future__ import annotations
@@ -37,11 +38,11 @@ class Bending:
     Attributes
     ----------
     bending : float
-        S sum(l angle) / sum(A) over the edges between two visible faces: l is the length of an edge, the
-        angle in radians is between the normals of its faces, A are the areas of the visible faces, and S is
-        the size of the visible part. The true surfaces of the demo models have a bending of 5 to 6.
+        S sum(l angle) / sum(A) over all edges between two visible faces. S is the size of the visible part,
+        and A is the area of a visible face. l is the length of an edge, and the angle in radians is between
+        the normals of its faces. The true surfaces of the demo models have a bending of 5 to 6.
     creases : float
-        S sum(l) / sum(A) over the edges with an angle above 30 degrees.
+        S sum(l) / sum(A), where only edges with an angle above 30 degrees are summed.
     """
 
     bending: float
@@ -52,7 +53,7 @@ class Bending:
 class TrueShape:
     """A comparison of a surface with a true surface, over the pixels of some views that show both surfaces.
 
-    All numbers except `excluded` and `outline` are NaN if no pixel shows both surfaces.
+    If no pixel shows both surfaces, all numbers except `excluded` and `outline` are NaN.
 
     Attributes
     ----------
@@ -68,7 +69,8 @@ class TrueShape:
         The share of the pixels that were not compared, because the depths differ by more than 5 % of the
         size.
     outline : float
-        The number of pixels that show both surfaces, relative to those that show either.
+        The number of pixels that show both surfaces, divided by the number of pixels that show at least one
+        surface.
     """
 
     mean: float
@@ -103,8 +105,8 @@ def measure_bending(points: Floats, faces: Ints, visible: Mask, size: float = 1.
     first, second = order[:-1], order[1:]
     is_edge = (sides[first] == sides[second]).all(axis=1)
     first, second = first[is_edge], second[is_edge]
-    # The two faces of a consistently wound edge traverse it in opposite directions. If two faces traverse an
-    # edge in the same direction, one normal is reversed.
+    # The two faces of an edge traverse the edge in opposite directions if their winding is consistent.
+    # Otherwise, reverse one normal.
     starts = faces.reshape(-1)
     sign = np.where(starts[first] == starts[second], -1.0, 1.0)
     cosine = sign * np.einsum("nk,nk->n", normals[owner[first]], normals[owner[second]])
@@ -173,9 +175,9 @@ def compare_with_truth(
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """A view of a mesh: face numbers (H, W) and depths (H, W) along the camera's axis.
+    """A view of a mesh: face indices (H, W) and depths (H, W) along the camera's axis.
 
-    A pixel without a face has the number -1.
+    The face index is -1 at a pixel without a face.
     """
 
     face: NDArray[np.int32]

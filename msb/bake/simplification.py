@@ -39,7 +39,8 @@ def simplify(points: Floats, faces: Ints, count: int) -> tuple[Floats, Ints]:
         fewer, chosen = fast_simplification.simplify(
             unit, faces.astype(np.int32), target_count=count, agg=_AGGRESSIVENESS
         )
-        # Round to float32, as files do, so that points that become equal are repaired here.
+        # Coordinates that differ may become equal in the float32 numbers of a file. Round now, so that such
+        # points are repaired here.
         placed = (middle + size * fewer).astype(np.float32).astype(np.float64)
         result = repair(placed, chosen.astype(np.int64))
         if len(result[1]):

@@ -1,4 +1,4 @@
-"""A triangle soup that a search changes: its corners, its colours, and which of its faces are selected.
+"""A search changes this triangle soup: the corners, the colours, and the selection of faces.
 
 A triangle soup is a set of triangles that share no vertices.
 """
@@ -37,7 +37,7 @@ def find_color_seams(points: NDArray[Any], faces: NDArray[Any]) -> Seams | None:
 
 
 def merge_seams(mesh: Mesh) -> Mesh:
-    """Merge the doubled vertices of cuts. Return `mesh` itself if it has no cut."""
+    """Merge the vertices that a cut edge stores twice. Return `mesh` itself if it has no cut."""
     seams = find_color_seams(mesh.vertices, mesh.faces)
     if seams is None:
         return mesh
@@ -55,8 +55,8 @@ def is_uncut_soup(points: NDArray[Any], faces: NDArray[Any]) -> bool:
 
     A surface that was cut along all its edges is not a soup.
 
-    Assets store soups with consecutive vertices. Faces that use all vertices one after the other are
-    therefore always a soup. Corners of faces that use all vertices in order may still coincide by chance.
+    Assets store the vertices of a soup one after the other. Faces that use the vertices in this order are a
+    soup, even if some corners coincide.
     """
     if not is_unindexed(faces, len(points)):
         return False
@@ -70,14 +70,14 @@ class Soup:
     Attributes
     ----------
     corners : (F, 3, 3) float32
-        The place of each corner.
+        The position of each corner.
     colors : (F, 3, 3) float32
         RGB of each corner in [0, 1].
     selected : (F,) bool
         The faces that are drawn.
     shared : (F, 3) int64, optional
-        The vertex of each corner, if corners of one vertex have one colour. If `shared` is None, the corners
-        have independent colours.
+        The vertex index of each corner, if all corners at a vertex have the same colour. If `shared` is None,
+        the corners have independent colours.
     """
 
     corners: Singles

@@ -16,24 +16,23 @@ if TYPE_CHECKING:
 # A model is a scene if more than this share of the visible points is farther from the focus than the cameras.
 # Otherwise the model counts as an object.
 _SCENE_SHARE = 0.02
-# Radius of the uncontracted part of a scene, in median distances of the cameras from the focus.
 _NEAR_RADIUS = 0.5
 # An object's box may exclude this percentage of the visible points at each side, because some faces are
 # stray.
 _TRIM_PERCENT = 0.1
-# The focus is the point where the camera axes meet. A linear system of equations determines this point.
-# Camera axes count as parallel if the smallest eigenvalue of the system per camera is below this limit.
+# The focus is the point nearest to all camera axes. The point is the solution of a linear system of
+# equations. Camera axes count as parallel if the system is badly conditioned. The limit applies to its
+# smallest eigenvalue divided by the number of cameras.
 _MIN_CONDITIONING = 1e-3
-# The focus must be at least this far in front of the cameras. The value is relative to the distance of the
-# visible points. The axes of cameras at one place meet at the cameras, up to rounding.
+# Smallest distance of the focus in front of the cameras. The value is relative to the distance of the
+# visible points. If all cameras are at one place, their axes meet there, and the focus is invalid.
 _MIN_AHEAD = 1e-4
-# If the visible centre is nearer to the cameras than this, the cameras are inside the model. The value is a
-# share of the distance of the visible points.
+# The cameras are inside the model if the visible centre is nearer to the cameras than this distance. The
+# distance is relative to the distance of the visible points.
 _INSIDE_DISTANCE = 0.5
 # Smallest side of an object's box relative to its longest side, so that a flat object still has a volume.
 _MIN_THICKNESS = 1e-3
-# Outer radius of a scene's grid in contracted coordinates. In these coordinates, a radius of 2 is infinitely
-# far away, and 1.96 is 25 near radii away.
+# Outer radius of a scene's grid in contracted coordinates: 1.96 means 25 near radii, and 2 means infinity.
 EDGE = 1.96
 
 
@@ -113,7 +112,8 @@ class Space:
         return result
 
     def _stretch(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return two growth factors (n, 1) of lengths in world coordinates, without the factor `radius`.
+        """Return two factors (n, 1) by which a length grows on its way to world coordinates. The constant
+        factor `radius` is left out.
 
         The first factor applies to lengths perpendicular to the direction to the centre. The second factor
         applies to lengths along this direction.

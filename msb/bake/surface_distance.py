@@ -12,8 +12,8 @@ POINTS = 20_000
 # points find the nearest faces. With more search points, the nearest face is found more reliably, but the
 # search tree is larger.
 _SEARCH_POINTS = 40_000
-# Number of nearest search points per sample point. The exact distance is computed to the faces of all these
-# points, because the nearest search point may not lie on the nearest face.
+# Number of nearest search points per sample point. Compute the exact distance to the face of each of these
+# search points, because the nearest point may not belong to the nearest face.
 _NEIGHBOURS = 12
 
 
@@ -37,8 +37,8 @@ def sample_surface(points: Floats, faces: Ints, count: int = POINTS) -> tuple[Fl
 def measure_distances(places: Floats, points: Floats, faces: Ints) -> Floats:
     """Return the distance (n,) from each place (n, 3) to a surface of points (V, 3) and faces (F, 3).
 
-    The distance to the nearest candidate face is exact. The candidate faces may not include the nearest face.
-    If the nearest face is missing, the distance is slightly too large. The error is far below the spacing of
+    The distance to each candidate face is exact. The function compares candidate faces only, and the
+    nearest face may be missing. The result is then slightly too large. The error is far below the spacing of
     the search points.
     """
     from scipy.spatial import cKDTree

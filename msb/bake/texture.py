@@ -71,7 +71,7 @@ def fit_texture(
     count_cameras : sequence of Camera, optional
         The cameras whose pixels decide how many texels each face gets. Default: the cameras of the images.
     extends_colors : bool
-        Whether unseen faces continue the colours around them, as for faces that were added to close a
+        Whether unseen faces get the colours of the surrounding faces. This is useful for faces that close a
         surface.
 
     Raises
@@ -101,8 +101,8 @@ def fit_texture(
         face_textures=None,
         sampler=_SAMPLER,
     )
-    # Each of the two passes sums the equations over the images, and solves for the change of the texels. The
-    # change is added to the texture and rounded.
+    # Each of two passes adds up the equations over the images, and solves the equations for the change of the
+    # texels. The change is added to the texture and rounded.
     few = select_first_pass(images)
     total = len(few) + len(images)
     for chosen, before in (few, 0), (images, len(few)):
@@ -120,7 +120,7 @@ def fit_texture(
 
 
 def select_first_pass(images: ViewImages) -> ViewImages:
-    """Return the images for the first pass, which also colour the initial texture."""
+    """Return the images of the first pass, which also determine the initial texture."""
     return images.select(range(0, len(images), FIRST_PASS_STEP))
 
 

@@ -1,9 +1,9 @@
 """The normal equations of a texture and its mip levels are stored as stencils and solved on the device.
 
 A pixel on one mip level shows four neighbouring texels. A pixel between two levels shows four texels of each
-level. A texel is therefore only coupled to its eight neighbours in the same level. A texel of a smaller mip
-level is the average of four texels of the next larger level. The memory therefore grows with the number of
-texels, not with the number of pixels.
+level. A texel is therefore only coupled to eight neighbours in its level. A texel of a smaller mip
+level is the average of four texels of the next larger level. The memory is therefore proportional to the
+number of texels, not pixels.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ STEPS = 15
 _ZERO = 1e-12
 # Work-items of a work-group.
 _GROUP = 64
-# Number of texels that one work-item adds up, and number of such work-items in a work-group. Sums are
+# Number of texels that one work-item adds up, and number of work-items in a work-group for this sum. Sums are
 # reproducible, because a work-item adds up the same texels on every device.
 _RUN, _RUN_GROUP = 64, 8
 
@@ -42,12 +42,12 @@ class TextureEquations(OnDevice):
 
     The field `stencils` (texels, 8) has a row for each texel, level by level. The first five values of a
     stencil are sums of products of two weights. The first weight belongs to the texel itself. The second
-    weight belongs to the texel itself or to its neighbour to the right, below, below right or below left. The
-    last three values of a stencil are the right sides of red, green and blue. `msb.bake.texture_renderer`
-    computes the sums of the stencils.
+    weight belongs to the same texel or to a neighbour: right, below, below right, or below left. The last
+    three values of a stencil are the right sides of red, green and blue. `msb.bake.texture_renderer` computes
+    the sums of the stencils.
 
     The field `sides` has the number of texels along a side for each mip level. The field `starts` has the
-    number of the first texel of each mip level, then the number of all texels.
+    index of the first texel of each mip level, and the total number of texels at the end.
     """
 
     def __init__(self, size: int, device: str | Device | None = None) -> None:
@@ -117,7 +117,8 @@ class TextureEquations(OnDevice):
         return result
 
     def _describe_levels(self) -> list[tuple[int, tuple[np.uint32, np.uint32, np.int32]]]:
-        """For each level, return the number of texels, and (first texel, next first texel or 0, side)."""
+        """For each level, return the number of texels. Also return the first texel, the first texel of the
+        next level (or 0), and the side."""
         starts = [*map(np.uint32, self.starts[:-1]), np.uint32(0)]
         sides = self.sides.tolist()
         return [(n * n, (starts[k], starts[k + 1], np.int32(n))) for k, n in enumerate(sides)]
@@ -130,7 +131,8 @@ def _sum_partial(partial: Buffer) -> Floats:
 
 
 def _divide(above: Floats, below: Floats) -> Floats:
-    """Return the quotients (3,) of two values per channel. Solved channels have 0."""
+    """Return the quotients (3,) of two values per channel. The quotient is 0 for a channel that is already
+    solved."""
     return np.divide(above, below, out=np.zeros(3), where=(above > _ZERO) & (below > 0))
 
 

@@ -67,8 +67,8 @@ class TextureRenderer(SupervisedRenderer):
         self._kernels.faces(faces, _GROUP, *self._faces, view, shape[1], forms, np.uint32(faces))
         pixels = *drawn, *shape, width, texels, keys, *samples, np.uint32(count)
         self._kernels.samples(count, _GROUP, *self._faces, view, forms, *pixels)
-        # Sort the samples by texel, and add them up row by row. Add all even rows first, then all odd rows,
-        # because two even rows have no texel in common.
+        # Sort the samples by texel, and add them up row by row. Rows that run in parallel must not change the
+        # same texels. Neighbouring rows share texels, so add the even rows first, then the odd rows.
         ordered = sort_pairs(self._device, keys, bits=int(texels).bit_length(), name="bake texels")
         weight = np.float32(self.images.weights[number])
         rows = -(-int(equations.sides.sum()) // 2)

@@ -52,16 +52,16 @@ def move_vertices(
 ) -> None:
     """Move the vertices of `soup` to reduce the error.
 
-    The argument `points` (V, 3) has their places in `space`. The moves do not cause further crossing faces.
-    The object `best` evaluates the state of the soup every few steps.
+    The argument `points` (V, 3) contains the vertices in the coordinates of `space`. The moves cause no
+    further crossing faces. The object `best` evaluates the state of the soup every few steps.
     """
     from scipy.sparse import identity
     from scipy.sparse.linalg import splu
 
     assert soup.shared is not None
     faces, count = soup.shared, len(points)
-    # `smooth` solves the system (I + SMOOTHING * Laplacian) x = b. The descent changes `variables`, the right
-    # side b of a linear system. The points are its solution x.
+    # `smooth` solves the system (I + SMOOTHING * Laplacian) x = b. The descent changes `variables`, which are
+    # the right side b. The solution x contains the points.
     bending = identity(count, format="csr") + SMOOTHING * color_fit.make_edge_laplacian(faces, count)
     smooth = splu(bending.tocsc()).solve
     good, variables = points, bending @ points

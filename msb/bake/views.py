@@ -27,13 +27,13 @@ from msb.scenes.sets import split_every_8th
 from msb.scenes.walk import fill_gaps
 from msb.views import ChosenViews, check_given_views, find_training_views, generate_views
 
-# Each pair gives a ring of generated views: degrees above the horizon, and number of views. The rings have 40
-# views in all.
+# Each pair describes a ring of generated views: the angle above the horizon in degrees, and the number of
+# views. The rings have 40 views in all.
 RINGS = ((15.0, 18), (40.0, 14), (65.0, 8))
 # Rings of views from below the horizon. Views from below are only generated for mesh files. Training cameras
 # rarely look up from below, so the underside of a trained model is arbitrary.
 RING_BELOW = (-35.0, 12)
-# Rings of generated views for Gaussians, 48 views in all. The lowest cameras look up a little, because object
+# Rings of generated views for Gaussians, 48 views in all. One ring is below the horizon, because object
 # captures also contain such views. The model fills each of these generated views.
 SPLAT_RINGS = ((5.0, 16), (25.0, 14), (50.0, 10), (-12.0, 8))
 _SPLAT_PIXELS = 384 * 768
@@ -48,8 +48,8 @@ _MIN_VIEWS_TO_SPLIT = 3
 # If there are fewer views than this, interpolated views are added. With few views, optimised triangles cause
 # artefacts of up to 6 dB in other views.
 _ENOUGH_VIEWS = 40
-# Largest number of interpolated views per training view after the first training view. Only few useful views
-# can be interpolated between few views.
+# Largest number of interpolated views per training view after the first training view. Between few views,
+# only a few interpolated views are useful.
 _MAX_INTERPOLATED = 8
 
 
@@ -66,8 +66,7 @@ class BakeViews:
     interpolated : tuple of Camera
         Additional training views between the other views, if there are few views.
     origin : {"scene", "given", "training", "turntable", "inside", "both"}
-        Where the views come from. "training": cameras found in the folder of the model. The last three
-        origins are generated views.
+        Where the views come from. "training": cameras found in the folder of the model.
     description : str
         The origin in words.
     background : (float, float, float)
@@ -81,7 +80,7 @@ class BakeViews:
     is_generated : bool
         Whether the views are generated.
     why_not_judged : str, optional
-        The reason if no quality is measured, because the model covers too few pixels.
+        The reason why quality was not measured: the model covers too few pixels.
     """
 
     training: tuple[Camera, ...]

@@ -90,10 +90,7 @@ def make_mesh_buffers(mesh: Mesh, origin: Origin | None = None) -> MeshBuffers:
 def _needs_keys(
     positions: NDArray[np.float32], buffers: dict[str, NDArray[Any]], domains: dict[str, Domain]
 ) -> bool:
-    """Return whether two vertices have equal positions and attributes.
-
-    Otherwise, seam keys have no effect.
-    """
+    """Return whether two vertices have equal positions and attributes."""
     stored = [buffers[name] for name, domain in domains.items() if domain == "vertex"]
     rows = hash_attributes([positions, *stored])
     return len(np.unique(rows)) < len(rows)
@@ -180,13 +177,12 @@ def with_vertex_colors(mesh: Mesh) -> Mesh:
 def fit_to_format(mesh: Mesh, suffix: str, *, is_upright: bool = False) -> Mesh:
     """Return `mesh` reduced to the data that files of `suffix` can store.
 
-    An audit of the written file examines this mesh.
 
     Colours and UVs are moved to the elements for which the format stores them, usually vertices. Textures
     become vertex colours if the format has no textures. The mesh is in metres if its unit is known. A mesh
     with a known up axis is rotated so that +y is up. The rotation requires a format with an up axis, or
     `is_upright`. If the format cannot share vertices between faces, every face gets three separate vertices.
-    Coordinates are rounded to the precision of the format.
+    Coordinates are rounded to the number type of the format.
     """
     mesh = replace(mesh, vertex_keys=None, corner_keys=None)  # files are written without these attributes
     form = FORMATS[suffix]
@@ -241,14 +237,14 @@ def with_corner_colors(mesh: Mesh, colors: NDArray[Any]) -> Mesh:
     A vertex is split if its corners have different colours. Vertices keep their order. Unused vertices are
     removed.
     """
-    # Sort the 3F corners by vertex and by the bits of their colour. A new vertex begins at every sorted
-    # corner that differs from the previous corner.
+    # Sort the 3F corners by vertex and by the bits of their colour. A new vertex begins at each sorted corner
+    # that is not equal to the previous corner.
     corners = mesh.faces.reshape(-1)
     keys = (*np.ascontiguousarray(colors).view(np.uint8 if colors.itemsize == 1 else np.uint32).T, corners)
     order = np.lexsort(keys)
     differs = np.ones(len(order), bool)
     differs[1:] = np.logical_or.reduce([key[order[1:]] != key[order[:-1]] for key in keys])
-    # Compute the new vertex of each corner, `number` (3F,), and one corner of each new vertex, `first` (n,).
+    # `number` (3F,) is the new vertex of each corner, and `first` (n,) is one corner of each new vertex.
     number = np.zeros_like(corners)
     number[order] = np.cumsum(differs) - 1
     first = order[differs]

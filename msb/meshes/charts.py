@@ -10,12 +10,12 @@ from msb.asset.texture import Sampler, linear_to_srgb, mip_levels, sample
 from msb.meshes.colors import linear_light, with_alpha
 from msb.meshes.mesh import Mesh
 
-# Offset in mip levels for sampling a texture at a corner. The level that matches the size of the face has the
-# offset 0. The next finer level has -1. Of several tested offsets, this value gave the best result on a
-# textured sphere.
+# Mip level for sampling a texture at a corner, relative to the level that matches the size of the face. The
+# value -1 is the next finer level. Of several tested offsets, this value gave the best result on a textured
+# sphere.
 _MIP_BIAS = -1.0
-# A corner is sampled at a point this fraction of the way towards the centre of the face. At the exact corner,
-# filtering would mix in texels of neighbouring charts.
+# Sample points of corners are moved towards the centre of the face by this share of the distance. Exactly at
+# the corner, filtering would include texels of neighbouring charts.
 _INWARDS = 0.25
 
 
@@ -23,9 +23,9 @@ def with_vertex_uvs(mesh: Mesh) -> Mesh:
     """Return `mesh` with one UV and one normal per vertex. Faces and vertices are grouped by texture.
 
     A vertex is split if its corners have different coordinates or normals (compared bit by bit) or different
-    textures. Normals stay an array with one row per corner. A vertex keeps its place in the order for its
-    first copy. Further copies of the vertex are appended to the vertices with the same texture. Faces keep
-    their order within a group.
+    textures. Normals stay an array with one row per corner. A split vertex keeps its index for the first
+    copy. The other copies are appended to the vertices with the same texture. Faces keep their
+    order within a group.
     """
     if mesh.corner_uvs is None and mesh.face_textures is None and mesh.corner_normals is None:
         return mesh
@@ -36,7 +36,7 @@ def with_vertex_uvs(mesh: Mesh) -> Mesh:
         order = np.argsort(mesh.face_textures, kind="stable")
         textures = mesh.face_textures[order].astype(np.int64)
     corners = mesh.faces[order].reshape(-1)
-    # Values (C, K) that all corners of a new vertex share: UVs and normals.
+    # Collect values (C, K), the UVs and normals. Corners of a new vertex have equal values.
     values: list[NDArray[np.float32]] = []
     if mesh.corner_uvs is not None:
         values.append(mesh.corner_uvs.reshape(-1, 3, 2)[order].reshape(-1, 2))
@@ -58,8 +58,8 @@ def _split_vertices(
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]:
     """Return the old vertex (N,) and the values (N, K) of each new vertex.
 
-    Also return the new vertex of each corner. The corners are grouped by texture. The corners have the old
-    vertices `corners` (C,), the textures `textures` (C,) and the values `values` (C, K). The argument `count`
+    Also return the new vertex of each corner. The corners are grouped by texture. The corners have the vertex
+    indices `corners` (C,), the texture indices `textures` (C,) and the `values` (C, K). The argument `count`
     is the number of old vertices. Unused vertices are kept.
     """
     # Corners with the same vertex, texture and values (compared bit by bit) share a new vertex. Sort the
@@ -90,7 +90,8 @@ def _split_vertices(
     used[vertices] = True
     unused = np.flatnonzero(~used)
 
-    # Append the unused vertices. Sort by texture. Within each texture, kept vertices come before copies.
+    # Append the unused vertices. Sort by texture. Within each texture, vertices that keep their index come
+    # before copies.
     vertices = np.concatenate((vertices, unused))
     stays = np.concatenate((stays, np.ones(len(unused), bool)))
     place = np.where(stays, vertices, np.concatenate((first, unused)))

@@ -96,8 +96,8 @@ def _quantize(values: NDArray[Any], most: int) -> NDArray[np.intp]:
 
 @cache
 def _build_table(most: int) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]:
-    """For each linear level in 0..`most`, return its sRGB value, the nearest byte, and whether this byte is
-    exact.
+    """For each linear level from 0 to `most`, return three arrays: the sRGB value, the nearest byte, and
+    whether the byte is exact.
 
     A byte is exact if it converts back to the same linear level.
     """

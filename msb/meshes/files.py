@@ -128,7 +128,7 @@ def write_mesh(
 
 
 def companion_files(mesh: Mesh, path: Path, style: Style) -> dict[Path, bytes]:
-    """Return the additional files that `write_whole` writes for `path`, as path -> content."""
+    """Return the additional files that `write_whole` writes for `path`, as a mapping from path to content."""
     form = _find_format(str(path), path.suffix)
     files = form.companions(mesh, replace(style, stem=path.stem)) if form.companions else {}
     return {path.with_name(name): content for name, content in files.items()}

@@ -57,8 +57,8 @@ class Style:
         For GLB: the precision of a compressed file, whose rows are reordered. The value None gives an
         uncompressed file, which every program can read.
     stem : str, optional
-        The file name, without suffix, of additional files (materials, images); with None, no such files are
-        written.
+        The file name, without suffix, of additional files such as materials and images. With None, additional
+        files are not written.
     extras : mapping, optional
         For GLB: JSON data for the file's `asset.extras`.
     collision : tuple of Mesh
@@ -111,8 +111,8 @@ class Format:
         The optional parts of a mesh that the format can store.
     list_stored, list_lost : callable, optional
         Functions of a textured mesh. The function `list_stored` names the colours and textures that a file
-        stores. The function `list_lost` names the lost parts. These functions are only needed if `keeps` does
-        not determine the stored data.
+        stores. The function `list_lost` names the parts of a mesh that a file does not store. Both functions
+        are only needed if `keeps` does not determine the stored data.
     is_soup : bool
         True if the format stores three vertices per face, so that faces never share vertices.
     is_single : bool
@@ -241,7 +241,7 @@ class _PackageFunction:
 class _PackageReader:
     """Wraps the function `read` of a mesh format from another package.
 
-    If this function raises any error, the file counts as invalid.
+    If the function raises any error, the file counts as invalid.
     """
 
     whose: str

@@ -26,12 +26,12 @@ from msb.meshes.mesh import Mesh
 from msb.meshes.writing import as_local
 
 _MESHOPT, _QUANTIZATION = "EXT_meshopt_compression", "KHR_mesh_quantization"
-# Finest precision of positions, in quarters of a bit. Mantissas of 24 bits cannot represent the coordinates
-# of a finer grid. If the grid varies by distance, the limit is 3 bits lower, because the finest step of the
-# grid is 3 bits finer.
+# A finer grid would need coordinates of more than 24 bits, the size of a mantissa. Mantissas of 24 bits
+# cannot represent the coordinates of a finer grid. The second limit is for a grid step that varies by
+# distance. The second limit is 3 bits lower, because such a grid is up to 3 bits finer in places.
 _FINEST, _FINEST_BY_DISTANCE = 88, 76
-# Range of the grid step if the step varies by distance. The values are binary logarithms relative to the step
-# at the median distance, from 8 times finer (-3) to 32 times coarser (5).
+# Finest and coarsest grid step if the step varies by distance. The values are binary logarithms of the ratio
+# to the step at the median distance: -3 is 8 times finer, and 5 is 32 times coarser.
 _FINER, _COARSER = -3, 5
 # When the distance doubles, the grid step increases by this number of bits. At twice the distance, the step
 # is 2.8 times coarser.
@@ -48,7 +48,7 @@ class Grid:
     """Positions (V, 3) rounded to a grid.
 
     The position of vertex v is corner + step * whole[v]. The integers whole[v] are multiples of 2 **
-    exponents[v]. The field `corner` is relative to the point `origin` (3,).
+    exponents[v]. The field `corner` is relative to `origin` (3,).
     """
 
     whole: NDArray[np.int64]
@@ -196,10 +196,10 @@ def convert_to_srgb(light: NDArray[Any]) -> NDArray[np.float32]:
 def _order_soup(part: Primitive, exponents: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return an order (V,) of the vertices that compresses well.
 
-    In the returned order, every three vertices are a face.
+    Every three vertices in the returned order form a face.
 
-    Faces are sorted by grid step, then along a space-filling curve. Each face is rotated to begin with the
-    corner nearest to the last corner of the previous face.
+    Faces are sorted by grid step, then along a space-filling curve. Each face begins with the corner that is
+    nearest to the last corner of the previous face.
     """
     import meshopt
 
@@ -257,8 +257,8 @@ class _CompressedBuilder(GlbBuilder):
 
     The field `plain` is the size of the uncompressed arrays in bytes.
 
-    Every float attribute contains multiples of powers of two. For each attribute name, `exponents` contains
-    the exponents of these powers, (V,) or (1,).
+    The values of a float attribute are multiples of powers of two. For each attribute name, `exponents`
+    contains the exponents of these powers, (V,) or (1,).
     """
 
     plain: int = 0

@@ -25,7 +25,8 @@ _WEBP = "EXT_texture_webp"
 _COMPONENTS = {kind[1:]: number for number, kind in COMPONENTS.items()}
 # Target values of glTF buffer views.
 VERTICES, INDICES = 34962, 34963
-# A mesh with this number of vertices or more has uint32 indices, because index 65535 restarts strips.
+# A mesh with at least this number of vertices has uint32 indices. In uint16 indices, the value 65535 would
+# restart a strip.
 _MAX_SHORT = 1 << 16
 _FILTERS = {
     ("linear", True): 9987,

@@ -50,9 +50,9 @@ VISIBILITY = "KHR_node_visibility"
 # Maximum number of nodes. Real scenes have some thousand nodes. A million nodes take a few seconds.
 MAX_NODES = 1 << 20
 
-# Memory limit for the arrays of a file: 64 bytes per byte of the file, plus 256 MiB. A byte of a file needs
-# at most 24 bytes in memory, if it is a vertex index. Only a file whose nodes or primitives share arrays can
-# exceed this limit.
+# Memory limit for the arrays of a file: 64 bytes per byte of the file, plus 256 MiB. For each byte in the
+# file, an array needs at most 24 bytes in memory. This maximum applies to vertex indices. Only a file whose
+# nodes or primitives share arrays can exceed this limit.
 MAX_BYTES_PER_BYTE = 64
 MAX_EXTRA_BYTES = 1 << 28
 
@@ -71,7 +71,7 @@ class Document:
     root : dict
         The JSON object.
     embedded : dict
-        Long data URIs by their keys "#0", "#1", ..., which replace the URIs in the JSON.
+        Long data URIs. The JSON contains these keys instead: "#0", "#1", ...
     buffers : dict
         The bytes of the buffers by number.
     files : dict
@@ -93,7 +93,7 @@ class Document:
 
     @property
     def limit(self) -> int:
-        """Memory limit for the arrays in bytes.
+        """Memory limit in bytes for the arrays.
 
         The memory limit depends on the sizes of the file and of all linked files that were read.
         """
@@ -215,7 +215,7 @@ class Accessor:
     """A validated description of an array (count, width). The file contains all bytes of the array.
 
     The field `data` has the bytes of the buffer view, or is None for an array of zeros. The first element of
-    the array begins at byte `start` of `data`. Each further element of the array begins `stride` bytes later.
+    the array begins at byte `start` of `data`. The distance between consecutive elements is `stride` bytes.
     The field `sparse` has two accessors: the indices of elements to replace, and their new values.
     """
 
@@ -296,7 +296,7 @@ def open_document(source: Source) -> Document:
 def parse_document(source: Source, text: bytes) -> Document:
     """Return the document of a JSON text.
 
-    Long data URIs are replaced before parsing, so that the size limit of the JSON does not include them.
+    Replace long data URIs before parsing. The size limit then applies to the remaining JSON only.
     """
     embedded: dict[str, str] = {}
 
@@ -431,8 +431,7 @@ def _parse_json(source: Source, text: bytes) -> dict[str, Any]:
 def _measure_nesting(text: bytes) -> int:
     """Return the nesting depth of objects and arrays in the JSON. Brackets inside strings are ignored.
 
-    The nesting depth is computed with NumPy, because `msb.base.bounded_parsing` would need ten seconds for
-    `MAX_JSON_BYTES`.
+    This function uses NumPy, because `msb.base.bounded_parsing` would need ten seconds for `MAX_JSON_BYTES`.
     """
     unescaped = text.replace(b"\\\\", b"  ").replace(b'\\"', b"  ")
     marks = np.frombuffer(unescaped, dtype=np.uint8)
@@ -447,7 +446,8 @@ def _reject_constant(name: str) -> NoReturn:
 
 
 def _is_finite(value: float) -> bool:
-    """Return whether `value` is finite as float64. A long integer may overflow in this conversion."""
+    """Return whether `value` is finite as float64. The conversion of a long integer to float64 may
+    overflow."""
     try:
         return math.isfinite(value)
     except OverflowError:
@@ -495,7 +495,7 @@ def place_nodes(document: Document) -> PlacedNodes:
         for index in siblings:
             node, pointer = document.entry("nodes", index)
             if index in worlds:
-                text = "the node has two parents or is in a cycle; nodes must form trees"
+                text = "the node has two parents or is part of a cycle; nodes must form trees"
                 raise document.error("MESH_FILE_INVALID", pointer, text)
             local = _parse_local_transform(document, node, pointer)
             with np.errstate(over="ignore", invalid="ignore"):
@@ -521,7 +521,7 @@ def _is_visible(document: Document, node: dict[str, Any], pointer: str) -> bool:
 def _find_roots(document: Document) -> tuple[list[int], int | None]:
     """Return the root nodes, and the number of nodes that must be reachable.
 
-    The number is None if a scene lists its roots.
+    The second value is None if the scene lists its root nodes.
     """
     count = len(document.array(document.root, "nodes", ""))
     if count > MAX_NODES:

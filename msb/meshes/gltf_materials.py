@@ -49,8 +49,8 @@ class TextureUse:
 class BaseColor:
     """The base colour of a material is the product of `factor` (RGBA in linear light) and `texture`.
 
-    The field `cutoff` is the alpha cut-off, or None if alpha is ignored. The field `is_lost` is set if the
-    material has a texture that cannot be read.
+    The field `cutoff` is the alpha cut-off. The value None means that alpha is ignored. The field `is_lost`
+    is set if the material has a texture that cannot be read.
     """
 
     factor: tuple[float, ...] = _WHITE
@@ -85,7 +85,7 @@ def _find_surface(
 
     Usually, the colour of a material is the base colour of the metallic-roughness model. If the
     metallic-roughness model has no base colour, the diffuse colour of the specular-glossiness model is used.
-    The diffuse colour also takes precedence if it has a texture and the base colour does not.
+    If only the diffuse colour has a texture, the diffuse colour also takes precedence.
     """
     surface = document.object(material, "pbrMetallicRoughness", pointer)
     extensions = document.object(material, "extensions", pointer)
@@ -99,7 +99,7 @@ def _find_surface(
 def _parse_texture_use(document: Document, entry: dict[str, Any], pointer: str) -> TextureUse | None:
     """Return the texture that a `textureInfo` describes.
 
-    Return None if its image format is unsupported (KTX2).
+    Return None if the format of the image is not supported (KTX2).
     """
     texture, where = document.entry("textures", document.integer(entry, "index", pointer))
     extensions = document.object(texture, "extensions", where)

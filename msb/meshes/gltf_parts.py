@@ -26,7 +26,7 @@ _PRIMITIVE_BYTES = 1 << 10
 
 @dataclass(frozen=True)
 class Primitive:
-    """The description of a primitive with triangles, and the JSON `entry` of the primitive."""
+    """A triangle primitive, and its JSON `entry`."""
 
     pointer: str
     entry: dict[str, Any]
@@ -70,7 +70,6 @@ class PrimitiveArrays:
         The material.
     keys : (V,) uint32
         The seam keys: hashes of the attributes that are not read. A triangle list cannot share vertices.
-        Therefore every vertex gets a separate key if no vertex is used twice.
     """
 
     vertices: NDArray[Any]

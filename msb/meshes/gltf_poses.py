@@ -10,7 +10,7 @@ from msb.errors import MeshFileError, shorten
 from msb.meshes.gltf import Document, PlacedMesh, parse_accessor, parse_node_numbers
 from msb.meshes.gltf_parts import Primitive, PrimitiveArrays, read_numbers, transform_arrays
 
-# Number of bytes per vertex that a morph target and a skin need while they are applied.
+# Number of bytes per vertex while a pose is applied: for each morph target, and for a skin.
 _TARGET_BYTES, _SKIN_BYTES = 24, 256
 _COMPONENTS = "i1 u1 i2 u2 f4"
 Floats = NDArray[np.float64]
@@ -25,7 +25,7 @@ class Poses:
     worlds : dict
         The world transforms (4, 4) by node number.
     left_out : dict
-        The names of pose data that cannot be read.
+        The names of pose data that the reader ignores.
     is_skinned : bool
         Whether a skin has been applied.
     """
@@ -170,7 +170,7 @@ class Poses:
             if stored.count < len(joints):
                 text = f"there are {stored.count} inverse bind matrices for {len(joints)} joints"
                 raise document.error("MESH_FILE_INVALID", f"{where}/inverseBindMatrices", text)
-            # glTF stores matrices column by column.
+            # Transpose, because glTF stores matrices column by column.
             inverse = stored.read()[: len(joints)].reshape(-1, 4, 4).swapaxes(1, 2).astype(np.float64)
             with np.errstate(over="ignore", invalid="ignore"):
                 placed = placed @ inverse

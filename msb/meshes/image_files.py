@@ -40,7 +40,7 @@ def encode_images(mesh: Mesh, style: Style, numbers: Iterable[int]) -> dict[str,
 
 
 def is_single_texel(image: NDArray[np.uint8], mesh: Mesh) -> bool:
-    """Return whether a texture of `mesh` is a single opaque texel.
+    """Return whether a texture of `mesh` consists of a single opaque texel.
 
     A material colour can replace a texture with a single texel.
     """

@@ -50,7 +50,7 @@ def list_losses(
     """Yield a note for each loss between `mesh` and `written`, the mesh in a file of `suffix`.
 
     The argument `left_out` lists parts of the source that were already missing in `mesh`. The text
-    `image_loss` ends the sentence about textures that became vertex colours.
+    `image_loss` is appended to the note about textures that became vertex colours.
     """
     form = FORMATS[suffix]
     is_split = not np.array_equal(written.faces, mesh.faces)

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 # Rounding is measured at this number of faces, which are evenly spread over all faces.
 _SAMPLED_FACES = 200_000
-# A rounding error is reported if it exceeds this share of the size of a typical face. An error of this size
-# turns normals by 0.1 degrees.
+# Limit for reporting a rounding error, relative to the size of a typical face. At this limit, rounding turns
+# normals by 0.1 degrees.
 _SEEN = 1e-3
 
 
@@ -111,9 +111,9 @@ class Mesh:
             _check(name, None if keys is None else keys[:, None], rows, (1,), (np.uint32,))
 
     def select(self, vertices: Any, faces: Any, numbers: NDArray[np.int64]) -> Mesh:
-        """Return the mesh with the selected rows of vertices and faces, given as masks or row indices.
+        """Return the mesh with the selected vertices and faces, which are given as masks or row indices.
 
-        The argument `numbers` (F', 3) contains the new `faces`, which index the selected vertices.
+        `numbers` (F', 3) becomes the new `faces`. These are indices of the selected vertices.
         """
         rows: dict[str, Any] = {"faces": numbers}
         by_face = ("face_colors", "face_textures")
@@ -161,7 +161,8 @@ def report_origin(mesh: Mesh) -> tuple[Finding, ...]:
 
 
 def describe_rounding(mesh: Mesh, rounded: NDArray[Any]) -> str | None:
-    """Return the largest move of a vertex from `mesh` to `rounded` (V, 3) as text, or None."""
+    """Return the largest move of a vertex from `mesh` to `rounded` (V, 3) as text, or None if the move is too
+    small."""
     if rounded is mesh.vertices:
         return None
     faces = mesh.faces[:: max(1, len(mesh.faces) // _SAMPLED_FACES)]

@@ -24,7 +24,7 @@ from msb.meshes.source import Source
 from msb.meshes.text import Words, word_blocks
 from msb.meshes.writing import write_rows
 
-# Number of colour channels at the end of a `v` line, by the number of values in the line.
+# Number of colour channels in a `v` line. The key is the number of values in the line.
 _COLOR_WIDTHS = {6: 3, 7: 4}
 
 # Names of data that is not read, by the first word of the line.
@@ -114,7 +114,7 @@ def _add_vertices(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> 
     parts.vertices.append(values[first[:, None] + np.arange(3)])
     parts.vertex_count += len(widths)
     # Keep the colours of a block if its lines have equal numbers of channels. The colours are used if all
-    # blocks have the same number of channels.
+    # blocks have this number of channels.
     widths_here = {_COLOR_WIDTHS.get(width, 0) for width in np.unique(widths).tolist()}
     parts.color_widths |= widths_here
     if widths_here in ({3}, {4}):

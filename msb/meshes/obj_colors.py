@@ -10,8 +10,8 @@ from msb.meshes.colors import as_floats, linear_light
 from msb.meshes.image_files import describe_counts, is_single_texel
 from msb.meshes.mesh import Mesh
 
-# Largest number of passes over the faces. After this limit, the mesh keeps its vertex colours, because its
-# parts share many vertices.
+# Largest number of passes over the faces. If this number of passes is not enough, the mesh keeps its vertex
+# colours, because its parts share many vertices.
 _MAX_PASSES = 16
 
 
@@ -37,7 +37,8 @@ def choose_materials(mesh: Mesh) -> tuple[Mesh, list[WrittenMaterial], NDArray[n
     if mesh.face_textures is not None:
         textures = mesh.face_textures.astype(np.int64)
     plain = [number for number, image in enumerate(mesh.textures) if is_single_texel(image, mesh)]
-    # Find faces with a uniform vertex colour on a plain texture. `texels` has the colours of plain textures.
+    # Find faces with a uniform vertex colour and a texture of a single texel. `texels` contains the colours
+    # of these textures.
     texels = np.ones((len(mesh.textures), 3))
     for number in plain:
         texels[number] = as_floats(mesh.textures[number][0, 0, :3])
@@ -49,7 +50,7 @@ def choose_materials(mesh: Mesh) -> tuple[Mesh, list[WrittenMaterial], NDArray[n
     color = _multiply(texels[textures], tint)
     color[~is_uniform] = texels[textures[~is_uniform]]
     # If a file has no images, readers may ignore the material colour Kd in favour of vertex colours.
-    # Therefore a file without other images keeps its uniform textures as images.
+    # If no other texture is an image, the uniform textures are therefore also stored as images.
     needs_image = len(plain) == len(mesh.textures) and not is_uniform.all()
     stays = ~np.isin(textures, plain) | (~is_uniform & needs_image & (color != 1).any(axis=1))
     rows = np.column_stack((np.where(stays, textures, -1), np.where(stays[:, None], 1, color)))
@@ -64,7 +65,8 @@ def choose_materials(mesh: Mesh) -> tuple[Mesh, list[WrittenMaterial], NDArray[n
 
 
 def _find_uniform_faces(mesh: Mesh, is_plain: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return a mask (F,) of uniformly coloured, opaque, plain faces that share no vertex with other faces."""
+    """Return a mask (F,) of faces with uniform colour, an opaque texture of a single texel, and no vertex
+    shared with other faces."""
     assert mesh.vertex_colors is not None
     colors = mesh.vertex_colors[mesh.faces]
     is_uniform: NDArray[np.bool_] = is_plain & (colors == colors[:, :1]).all(axis=(1, 2))

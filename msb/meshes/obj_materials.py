@@ -45,7 +45,7 @@ LeftOut = dict[str, None]
 
 @dataclass(frozen=True)
 class _Image:
-    """An image as named in the MTL file, and whether its alpha channel cuts holes."""
+    """An image: its name in the MTL file, and whether its alpha channel cuts holes."""
 
     name: str
     is_masked: bool
@@ -189,8 +189,8 @@ def _read_coordinates(
         is_uv, is_face = words.lines_beginning(b"vt"), select_face_lines(words)
         uvs.append(_read_uvs(words, is_uv))
         chosen = words.arguments(is_face)
-        # A corner is "v", "v/vt", "v//vn" or "v/vt/vn". `named` is the second part of a corner, or -1 if it
-        # is empty.
+        # A corner is "v", "v/vt", "v//vn" or "v/vt/vn". `named` is the index in the second part of a corner,
+        # or -1 if this part is empty.
         named = words.after(b"/").without_suffix(b"/")
         has_uv = chosen & (named.end > named.start)
         rows = np.full(len(words.start), -1, np.int64)
@@ -228,7 +228,8 @@ def _decode_images(
 ) -> tuple[dict[_Image, _Image], dict[_Image, NDArray[np.uint8]]]:
     """Return the images that can be read, and the texels of these images.
 
-    If a file has several names, all names map to the first name. The texels also have this name as their key.
+    A file with several names is read once. Each of its names is mapped to the first name. The keys of the
+    texels are these first names.
     """
     decoder, files, texels = Decoder(), set[Path](), {}
     firsts: dict[tuple[Path, bool], _Image] = {}

@@ -140,7 +140,8 @@ def _read_header(text: Source) -> _Header:
 
 
 def _read_keyword(text: Source, content: bytes) -> tuple[frozenset[str], bytes]:
-    """Return the prefixes of "OFF" in the first line, and the rest of the line after the keyword."""
+    """Return two texts from the first line: the prefixes before "OFF", and the remaining text after the
+    keyword."""
     keyword = _KEYWORD.fullmatch(content)
     if keyword is None:
         raise text.not_a("OFF", "the first word is not OFF, COFF, NOFF or STOFF")

@@ -74,11 +74,11 @@ class Placement:
 
 
 def place(mesh: Mesh, *, is_upright: bool) -> Mesh:
-    """Return a mesh in the form for a file.
+    """Return a mesh in the form that is written to a file.
 
-    The mesh is in metres if its unit is known. If `is_upright`, +y is up. The argument `mesh` is in the
-    coordinates of the capture. The written mesh has a `placement` if it differs from `mesh`, or if a unit is
-    recorded.
+    The mesh is in metres if its unit is known. If `is_upright`, rotate the mesh so that +y is up. The
+    argument `mesh` is in the coordinates of the capture. The written mesh has a `placement` if it differs
+    from `mesh`, or if a unit is recorded.
     """
     frame = mesh.frame or Frame()
     up = frame.up if frame.up is not None else (None if mesh.up is None else parse_up(mesh.up))

@@ -77,7 +77,8 @@ def read(source: Source) -> Mesh:
 def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
     """Write binary little-endian PLY. Vertices and colours keep their number types.
 
-    Indices are `int`, which every reader supports, unless there are too many vertices.
+    Indices are `int`, which every reader supports. If there are too many vertices, indices have a larger
+    type.
     """
     coordinate = "double" if mesh.vertices.dtype == np.float64 else "float"
     index = "int" if len(mesh.vertices) <= _MAX_INT else "uint"
@@ -107,7 +108,8 @@ def _write_records(
 ) -> None:
     """Write all rows in binary form.
 
-    A row has the list count, then `values` (N, 3), then `colors` (N, 3 | 4). A count of None is omitted.
+    A row contains the list count, then `values` (N, 3), then `colors` (N, 3 | 4). If the count is None, rows
+    have no list count.
     """
     fields: list[tuple[Any, ...]] = [("values", kind, 3)]
     if count is not None:

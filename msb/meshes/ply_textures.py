@@ -44,7 +44,7 @@ def with_textures(
     counts: NDArray[np.int64],
     cut: Triangulation,
 ) -> Mesh:
-    """Return `mesh` with its texture coordinates, and with the `images` that its header names.
+    """Return `mesh` with its texture coordinates and with the `images` named in the header.
 
     The argument `rows` contains the rows of the elements for vertices and faces. The argument `counts` (N,)
     is the number of corners of each polygon. The argument `cut` contains the triangles of the polygons. In a
@@ -97,9 +97,9 @@ def _turn(uvs: NDArray[np.generic]) -> NDArray[np.float32]:
 
 
 def _read_numbers(body: Body, faces: Rows, images: int) -> NDArray[np.int64]:
-    """Return the number (N,) of the image of each polygon.
+    """Return the image index (N,) of each polygon.
 
-    An invalid image number is replaced by `images`, the number of images.
+    An invalid image index is replaced by `images`, the number of images.
     """
     entry = faces.element.find(_NUMBER)
     if images == 1 or entry is None or entry.count_type:

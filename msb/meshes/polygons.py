@@ -7,15 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# A fan triangle is reversed if its negative area exceeds this share of the area of the polygon. Rounded
-# coordinates of a convex polygon cause smaller negative areas.
+# A fan triangle counts as reversed if its area is negative, and the magnitude relative to the area of the
+# polygon exceeds this limit. Smaller negative areas are caused by rounding of the coordinates of convex
+# polygons.
 _AREA_TOLERANCE = 1e-6
 # Rounding error of areas for float32 coordinates, relative to the squared size of a polygon.
 _ROUNDING = 4e-7
 # Limit of the work for cutting ears. The work is the sum of the squared numbers of corners of all polygons.
 # The limit is `_WORK` plus `_WORK_PER_CORNER` for each polygon corner of the file. Polygons beyond the limit
-# become triangle fans. In a small file, outlines of up to 2,048 corners are triangulated, which takes a
-# second.
+# become triangle fans. With these limits, outlines of up to 2,048 corners are triangulated in a small file,
+# which takes a second.
 _WORK, _WORK_PER_CORNER = 1 << 22, 64
 # Number of array elements (polygons x corners) that are processed at a time.
 _CELLS_AT_A_TIME = 1 << 20
@@ -67,9 +68,9 @@ def triangulate(points: NDArray[Any], corners: NDArray[np.int64], counts: NDArra
     polygon with n corners gives n - 2 triangles. Polygons with fewer than three corners are dropped.
 
     Usually a polygon becomes the triangle fan (0, 1, 2), (0, 2, 3), ... around its first corner. The fan of a
-    convex polygon has no reversed triangle. If a fan triangle is reversed, the polygon is cut by removing
-    ears. The polygon is first projected along its normal, computed by Newell's method. A polygon that crosses
-    itself stays a fan. A polygon with invalid vertices also stays a fan.
+    convex polygon has no reversed triangle. If a triangle of the fan is reversed, the polygon is instead cut
+    by removing ears. The polygon is first projected along its normal, computed by Newell's method. Polygons
+    that cross themselves or have invalid vertices stay triangle fans.
     """
     order, polygon = _make_fans(counts)
     if np.all(counts <= 3):
@@ -180,10 +181,10 @@ def _judge_fans(placed: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 def _make_batches(
     concave: NDArray[np.int64], counts: NDArray[np.int64], work: int
 ) -> Iterator[tuple[NDArray[np.int64], int]]:
-    """Yield groups of the polygons `concave` (P,), each with a width.
+    """Yield groups of the polygons `concave` (P,), and the width of each group.
 
-    No polygon of a group has more corners than the width of the group. Small polygons come first. Polygons
-    beyond the limit `work` are not in any group.
+    The width is the largest number of corners of a polygon in the group. Small polygons come first. Polygons
+    beyond the limit `work` are left out.
     """
     by_size = np.argsort(counts, kind="stable")
     width = 1 << np.ceil(np.log2(counts[by_size])).astype(np.int64)
@@ -204,7 +205,7 @@ def _project(placed: Floats) -> tuple[Floats, Floats]:
     normal = _cross(placed[..., :-1], placed[..., 1:]).sum(axis=2)
     axis = np.argmax(np.abs(normal), axis=0)
     every = np.arange(len(axis))
-    # axes (2, P): the two axes after the dropped axis, in cyclic order. The two axes are swapped if the
+    # axes (2, P): the two axes that follow the dropped axis in cyclic order. The two axes are swapped if the
     # normal's component along the dropped axis is negative.
     axes = np.stack(((axis + 1) % 3, (axis + 2) % 3))
     is_down = normal[axis, every] < 0
@@ -275,12 +276,12 @@ class _Ring:
         return _area(*((self.x[every, corner], self.y[every, corner]) for corner in corners))
 
     def score(self, corner: NDArray[np.int64]) -> Floats:
-        """Return the shape of the triangle at one corner (P,) of each polygon, or `_NO_EAR`.
+        """Return a score for the triangle at one corner (P,) of each polygon, or `_NO_EAR`.
 
-        The shape is the area divided by the sum of squared sides. An ear contains no other corner of the
-        polygon, not even on its sides. Corners that coincide with a corner of the ear are ignored. Coinciding
-        corners exist where a cut joins a hole to the outline. An ear is invalid if another side of the
-        polygon leads from the tip of the ear into its triangle.
+        The score is the area divided by the sum of squared side lengths. A triangle is only an ear if it
+        contains no other corner of the polygon, not even on its sides. Ignore corners that coincide with a
+        corner of the ear. Coinciding corners exist where a cut joins a hole to the outline. A triangle is not
+        an ear if another side of the polygon leads from the tip into the triangle.
         """
         every = np.arange(len(corner))
         before, after = self.before[every, corner], self.after[every, corner]
@@ -313,7 +314,7 @@ class _Ring:
         return np.where(is_ear, area / np.where(squares > 0, squares, 1), _NO_EAR)
 
     def _sides(self, *corners: NDArray[np.int64]) -> list[tuple[Point, Point]]:
-        """Return the ends of the sides of one triangle per polygon."""
+        """Return both ends of each side of one triangle per polygon."""
         every = np.arange(len(self.x))
         a, b, c = ((self.x[every, corner], self.y[every, corner]) for corner in corners)
         return [(a, b), (b, c), (c, a)]
@@ -351,7 +352,7 @@ def _area(a: Point, b: Point, c: Point) -> Floats:
 def find_wrong_polygon(
     faces: NDArray[np.int64], polygon: NDArray[np.int64], vertices: int
 ) -> tuple[int, int] | None:
-    """Return the first polygon with a vertex index outside 0..`vertices` - 1, and the index.
+    """Return the first polygon with a vertex index outside 0..`vertices` - 1, and this index.
 
     Return None if all indices are valid. The arguments `faces` (F, 3) and `polygon` (F,) are the triangles
     and polygons of a `Triangulation`.

@@ -22,7 +22,8 @@ class Source:
     data : bytes
         The content.
     lines : bytes, optional
-        The text for counting lines, if `data` is a modified copy of it. The copy has the same length.
+        The original text for counting lines, if `data` is a modified copy of the text. The copy has the same
+        length.
     images : bool
         Whether texture images are decoded.
     """

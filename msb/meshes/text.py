@@ -70,7 +70,7 @@ class Words:
         return mask
 
     def arguments(self, lines: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return a mask (T,) of all words except the first word in the selected lines (L,)."""
+        """Return a mask (T,) of the words in the selected lines (L,), without the first word of each line."""
         mask = np.repeat(lines, self.count)
         mask[self.first] = False
         return mask
@@ -109,9 +109,9 @@ class Words:
     def indices(self, chosen: NDArray[np.bool_], above: NDArray[np.int64], of: str) -> NDArray[np.int64]:
         """Return the selected words (T,) as zero-based OBJ indices.
 
-        In the file, positive indices count from 1. Negative indices count backwards. The index -1 is the last
-        element above the line. The argument `above` (L,) is the number of elements above each line. Messages
-        call the elements `of`.
+        In the file, positive indices count from 1. Negative indices count backwards. The index -1 means the
+        last element above the line. The argument `above` (L,) is the number of elements above each line.
+        Messages use `of` as the name of the elements.
         """
         values = self.numbers(chosen)
         at = find_not_whole(values)
@@ -240,7 +240,7 @@ def _split_words(source: Source, start: int, end: int, comments: bool) -> Words:
     line_end = text == ord("\n")
     if comments:
         text = _blank_comments(text, line_end)
-    # Words begin and end where the mask of white space changes.
+    # Find the changes between white space and text, at which words begin and end.
     space = np.ones(len(text) + 2, dtype=np.bool_)
     space[1:-1] = _IS_SPACE[text]
     edges = np.flatnonzero(space[1:] != space[:-1])

@@ -15,8 +15,9 @@ from msb.meshes.formats import Style
 from msb.meshes.image_files import describe_counts, encode_images, is_single_texel
 from msb.meshes.mesh import Mesh
 
-# Largest number of materials with a uniform colour for the faces of one texture. With more colours than this,
-# faces without an image use `displayColor`. Faces with an image then use the average colour.
+# Largest number of materials with a uniform colour for the faces of one texture. A texture with more colours
+# gets a single material. In this material, faces without an image use `displayColor`. Faces with an image use
+# their average colour.
 _MAX_COLORS = 64
 WHITE = (1.0, 1.0, 1.0)
 
@@ -32,10 +33,10 @@ class FaceGroup:
     image : int, optional
         The number of the texture.
     color : tuple of float, optional
-        The colour of the faces or, if they have an image, its factor; linear light. The value None means
-        `displayColor`.
+        The colour of the faces in linear light. For faces with an image, the colour is a factor of the image.
+        If the colour is None, the faces use `displayColor`.
     is_average : bool
-        Whether the colour replaces colours that vary.
+        Whether this uniform colour replaces colours that vary.
     """
 
     faces: NDArray[np.int32]

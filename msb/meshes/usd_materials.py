@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 Vector = tuple[float, ...]
-# The 2 x 3 matrix by which texture coordinates (u, v, 1) are multiplied. The coordinate v points upwards.
+# A 2 x 3 matrix that is multiplied with (u, v, 1), the homogeneous texture coordinates. The coordinate v
+# points upwards.
 Matrix = tuple[Vector, Vector]
 
 _WRAPS = {"clamp": "clamp", "black": "clamp", "mirror": "mirror"}
@@ -32,8 +33,8 @@ class ImageUse:
     """An image file, and the conversions of its texels before rendering.
 
     In linear light, a texel is multiplied with `scale` (RGBA), and `bias` (RGBA) is added. The field `is_raw`
-    is set if the file stores linear light. The field `has_alpha` is set if alpha is compared with the
-    cut-off.
+    is set if the texels are stored in linear light. The field `has_alpha` is set if alpha is compared with
+    the cut-off.
     """
 
     file: str
@@ -47,13 +48,14 @@ class ImageUse:
 class Material:
     """The colour of a USD material.
 
-    The colour comes from the image if an image exists, else from the uniform colour, else from the primvar.
+    If an image exists, the colour comes from the image. Otherwise, the colour is the uniform colour, or else
+    the primvar.
 
     Attributes
     ----------
     image : ImageUse, optional
     varname, transform
-        The primvar with the image's texture coordinates, and the transform of the coordinates; None is the
+        The primvar with the image's texture coordinates, and the transform of the coordinates. None means the
         identity.
     wraps : tuple of str
         The wrap modes of the image along u and v.
@@ -98,7 +100,8 @@ class MaterialReader:
         self._materials: dict[str, Material] = {}
 
     def find(self, prim: Any) -> Material:
-        """Return the preview material of a prim, else its material for full rendering."""
+        """Return the preview material of a prim. Without a preview material, return the material for full
+        rendering."""
         from pxr import Tf, UsdShade
 
         binding = UsdShade.MaterialBindingAPI(prim)
@@ -118,7 +121,7 @@ class MaterialReader:
     def _read_surface(self, material: Any) -> Material:
         """Return the colour of a USD material.
 
-        Emission is used only if the diffuse colour is black (an unlit material).
+        The emission replaces the colour if the diffuse colour is black (an unlit material).
         """
         surface = material.ComputeSurfaceSource()[0]
         if not surface or surface.GetShaderId() != "UsdPreviewSurface":
@@ -194,10 +197,9 @@ class MaterialReader:
         return np.array([[cos * across, -sin * up, x], [sin * across, cos * up, y], [0, 0, 1]])
 
     def _read_cutoff(self, surface: Any, reader: Any) -> float | None:
-        """Return the alpha cut-off of a surface with a colour from `reader`.
+        """Return the alpha cut-off of a surface. The texture reader `reader` provides the colour.
 
-        Return None if the surface is opaque. Only the alpha channel of the image with the colour can cut
-        holes.
+        Return None if the surface is opaque. Holes are cut only by the alpha channel of the colour image.
         """
         opacity = self._follow(surface, "opacity")
         threshold = _number(self._follow(surface, "opacityThreshold").value, 0.0)
@@ -271,8 +273,8 @@ def list_numbers(value: Any) -> Vector:
 def unite_textures(materials: list[Material], left_out: dict[str, None]) -> tuple[tuple[str, str], Any]:
     """Return the wrap modes and the alpha cut-off of a mesh with these textured materials.
 
-    A mesh has only one sampler. The first material sets the wrap modes. The alpha cut-off is the smallest of
-    all materials.
+    All materials of a mesh share one sampler. The first material sets the wrap modes. The alpha cut-off is
+    the smallest alpha cut-off of all materials.
     """
     cutoffs = {material.cutoff for material in materials if material.cutoff is not None}
     if len({material.wraps for material in materials}) > 1:

@@ -16,8 +16,8 @@ Floats = NDArray[np.float32]
 # A domain ("constant", "vertex", "face", "corner") and its values (n, width).
 Values = tuple[str, Floats]
 
-# Maps the interpolation of a primvar to the domain of its values. All other interpolations mean one value per
-# vertex.
+# Maps the interpolation of a primvar to the domain of its values. Every other interpolation means one value
+# per vertex.
 _DOMAINS = {"uniform": "face", "faceVarying": "corner"}
 
 
@@ -369,7 +369,7 @@ def _combine(
 def _spread(values: Values, part: _PrimArrays, faces: Any) -> NDArray[Any]:
     """Return the values (n, 3, width) at the corners of the triangles `faces` (n,) of a part.
 
-    Corners with an invalid index get the values of an arbitrary vertex. Constant values have a single row and
+    Corners with an invalid index get an arbitrary value. Constant values have a single row and
     column.
     """
     domain, rows = values
@@ -412,7 +412,8 @@ def _join_parts(parts: list[_PrimArrays], textures: int) -> dict[str, NDArray[An
 def _convert_domain(
     domain: str, part: _PrimArrays, values: Values | None, width: int, blank: float
 ) -> Floats:
-    """Return the values (n, `width`) of a part for `domain`, or `blank` if the part has no values."""
+    """Return the values (n, `width`) of a part, converted to `domain`. Return `blank` if the part has no
+    values."""
     count = {"vertex": len(part.points), "face": len(part.faces), "corner": part.faces.size}[domain]
     if values is None:
         return np.full((count, width), blank, np.float32)

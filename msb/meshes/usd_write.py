@@ -91,7 +91,7 @@ def _add_mesh(stage: Any, path: str, mesh: Mesh) -> Any:
     prim.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(mesh.faces), 3, np.int32)))
     prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.faces.astype(np.int32).reshape(-1)))
     prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    # Readers expect normals for surfaces without subdivision. With face normals, the surface is rendered
+    # Without subdivision, readers expect normals. With face normals, the surface is rendered
     # flat-shaded.
     normals, domain = mesh.corner_normals, UsdGeom.Tokens.faceVarying
     if normals is None:
@@ -145,7 +145,8 @@ def _add_colors(prim: Any, mesh: Mesh, images: list[str], color_input: str) -> N
 
 
 def _add_display_colors(prim: Any, light: NDArray[np.float32], domain: str, color_input: str) -> None:
-    """Set `displayColor` to the colours `light` (n, 3) of a domain, and define a material that shows it."""
+    """Set `displayColor` to the colours `light` (n, 3) of a domain, and define a material that shows
+    `displayColor`."""
     from pxr import Sdf, Vt
 
     stage = prim.GetPrim().GetStage()

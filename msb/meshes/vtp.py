@@ -1,8 +1,8 @@
 """Writes VTK XML PolyData (.vtp): points, and cells of one, two and three points with cell data.
 
 The layout is defined in "VTK XML file formats" of the VTK documentation. A VTP file stores all arrays as raw
-data in one appended block. A 64-bit byte count precedes each array. VTK itself, a large optional dependency
-(extra `view`), is not needed.
+data in one appended block. A 64-bit byte count precedes each array. VTK itself is a large optional dependency
+(extra `view`) and is not needed.
 """
 
 from collections.abc import Mapping, Sequence

@@ -46,10 +46,11 @@ def as_local(vertices: NDArray[Any], name: str) -> tuple[NDArray[np.float32], Or
 
 
 def write_rows(stream: BinaryIO, form: str, columns: NDArray[Any]) -> None:
-    """Write each row of `columns` (N, K) as a line of text. The format `form` has K conversions with %.
+    """Write each row of `columns` (N, K) as a line of text. The format string `form` has a "%" conversion for
+    each of the K columns.
 
-    The conversion "%r" writes the shortest decimal that reads back as the same float64. This conversion is
-    therefore also exact for float32.
+    The conversion "%r" writes the shortest decimal that reads back as the same float64. Therefore float32
+    values are also stored exactly.
     """
     line = form + "\n"
     for start in range(0, len(columns), ROWS_AT_A_TIME):

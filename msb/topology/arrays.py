@@ -29,7 +29,7 @@ def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], ND
             raise MeshError("MESH_ARRAY", text)
     if triangles.size:
         _check_range(triangles, len(points))
-    if triangles.dtype == np.uint32 and len(points) < 2**31:  # Assets use this dtype. The top bit is unused.
+    if triangles.dtype == np.uint32 and len(points) < 2**31:  # Assets use uint32, and the top bit is unused.
         triangles = triangles.view(np.int32)
     return points, np.ascontiguousarray(triangles, np.int32 if len(points) < 2**31 else np.int64)
 

@@ -21,8 +21,8 @@ from msb.topology.crosscheck.peers import PEERS, Answer, Answers, ask_peers
 __all__ = ["PEERS", "Comparison", "CrossCheck", "compare", "cross_check"]
 
 Verdict = Literal["agrees", "differs_by_definition", "disagrees"]
-# Time limit of each peer in seconds, plus this many seconds for each million faces. libigl needs 12 s per
-# million.
+# Time limit of each peer in seconds, plus this many seconds for each million faces. libigl needs 12 s for a
+# million faces.
 PATIENCE = 60.0
 # Peers that other extras also install. For example, NetworkX is a dependency of scikit-image (extra bench).
 ANYWAY = {"NetworkX"}
@@ -32,9 +32,10 @@ ANYWAY = {"NetworkX"}
 class Comparison:
     """A number from our audit, and the corresponding number from a peer library.
 
-    If the numbers agree, `why` is empty. If the numbers differ, `why` explains the difference between the
-    definitions, or names the expected number. The field `call` names the function of the peer. A disagreement
-    is a difference that the definitions cannot explain. A disagreement is a bug in the peer or in our audit.
+    The field `why` is empty if the numbers agree. If the numbers differ, `why` explains the difference
+    between the definitions, or names the expected number. The field `call` names the function of the peer. A
+    disagreement is a difference that the definitions cannot explain. A disagreement is a bug in the peer or
+    in our audit.
     """
 
     peer: str

@@ -1,9 +1,9 @@
 """Predict the answers of each peer about a mesh from the differences between its definitions and ours.
 
 The prediction is our number plus the effect of each difference, which this module computes from the mesh. A
-bug in our audit therefore causes a disagreement, even if the definitions differ. Almost every effect comes
-from faces with a repeated index. In our definitions, faces with a repeated index have no edges. For most
-peers, these faces have three vertex pairs.
+disagreement is therefore always a bug, even if the definitions differ. Almost every effect comes from faces
+with a repeated index. In our definitions, faces with a repeated index have no edges. For most peers, these
+faces have three vertex pairs.
 """
 
 from collections import defaultdict
@@ -22,7 +22,7 @@ from msb.topology.findings import Counts
 
 @dataclass(frozen=True)
 class Expected:
-    """A number of our audit, the number expected from a peer, and the reason for the difference.
+    """The expected answer of a peer: our number, the expected number, and the reason for the difference.
 
     Attributes
     ----------
@@ -35,10 +35,10 @@ class Expected:
     why : str
         The difference between the definitions; empty if the definitions agree on this mesh.
     plus : int
-        A number added to the peer's answer before comparing (in derived rows).
+        A number that is added to the peer's answer before comparing (in derived rows).
     slack : float
-        Maximum accepted difference between the answer and `theirs`. The slack covers rounding of areas, or
-        a documented quirk of the peer.
+        Maximum accepted difference between the answer and `theirs`. The tolerance covers rounding of areas,
+        or a documented quirk of the peer.
     unfit : str
         Why the peer's answer is meaningless on this mesh; empty for a meaningful answer.
     """
@@ -71,7 +71,7 @@ class Facts:
             self.shift = {key: n - proper[key] for key, n in self.with_all_rows.items()}
 
     def same(self, quantity: str, call: str, shift: str | None = None) -> Expected:
-        """Expect our count plus the number of repeated-index faces, if the peer also counts them."""
+        """Expect our count. If the peer also counts repeated-index faces, add their number."""
         ours = getattr(self.counts, quantity)
         by = self.shift[shift] if shift else 0
         return Expected(quantity, call, quantity, ours, ours + by, self.rows_kept(by))
@@ -92,7 +92,7 @@ class Facts:
     def area(self, call: str) -> Expected:
         """Expect our area.
 
-        If a corner is not finite, return None, because the peer's area is then NaN.
+        If a corner is not finite, return None: the peer's area is then NaN.
         """
         ours = self.report.metrics.total_area
         if self.counts.nonfinite_faces:
@@ -128,8 +128,8 @@ class Facts:
     def euler(self, call: str, vertices: int, which: str, edges: str) -> Expected:
         """Expect the Euler characteristic of a peer that counts other vertices and edges than our audit.
 
-        The peer counts `vertices` vertices, which the text `which` describes. The peer's edges include the
-        vertex pairs of repeated-index faces.
+        The peer counts `vertices` vertices. The text `which` describes these vertices in a message. The
+        peer's edges include the vertex pairs of repeated-index faces.
         """
         ours = self.report.metrics.euler_characteristic
         fewer = vertices - self.counts.vertices
@@ -167,8 +167,7 @@ def expect_pymeshlab(facts: Facts) -> list[Expected]:
     ours, endpoints = facts.counts.nonmanifold_vertices, facts.counts.nonmanifold_edge_endpoints
     faces = facts.analysis.mesh.faces
     vague = len(np.unique(faces[facts.analysis.mesh.repeated_index]))
-    # PyMeshLab's count is unpredictable at the corners of a repeated-index face, and reliable at other
-    # vertices.
+    # PyMeshLab's count is wrong at the corners of repeated-index faces, and reliable at other vertices.
     quirk = f"; its result is arbitrary for the {vague} vertices of {facts.rows}" if vague else ""
     crowded = facts.same("nonmanifold_edges", "non_two_manifold_edges (first call)", "crowded_by_rows")
     again = "it may count an edge again for each such row at it" if facts.repeated else ""
@@ -284,8 +283,8 @@ def expect_networkx(facts: Facts) -> list[Expected]:
 def expect_nvidia(facts: Facts) -> list[Expected]:
     """Return the expected answers of the ManifoldChecker of NVIDIA's validator.
 
-    NVIDIA's checker joins the faces at a vertex across two-face edges only. Both ends of a non-manifold
-    edge therefore have several groups of faces. The checker's count therefore equals our strict count.
+    NVIDIA's checker joins the faces at a vertex across two-face edges only. Each end of a non-manifold edge
+    therefore has several groups of faces. The checker's count therefore equals our strict count.
     """
     counts = facts.counts
     unused = counts.unreferenced_vertices - facts.shift["used"]
