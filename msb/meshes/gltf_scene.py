@@ -359,7 +359,7 @@ def _list_left_out(document: Document, meshes: Iterable[int], colors: list[BaseC
 
 
 def _filter_objects(entries: Any) -> list[dict[str, Any]]:
-    """ If `entry` is not an object, return an empty list."""
+    """If `entry` is not an object, return an empty list."""
     return [entry for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
 
 

@@ -119,8 +119,8 @@ def explain(name: str) -> Explanation:
         for known in (entry.name, entry.symbol, *entry.aliases)
         if known
     }
-    # `LCC_area` and `lcc_area` are symbols of different quantities. A name with other capital letters selects
-    # the first quantity, which is a column of the paper.
+    # `LCC_area` and `lcc_area` are symbols of different quantities. If only the case differs, the name
+    # selects the first matching quantity, which is a column of the paper.
     folded: dict[str, Explanation] = {}
     for known, entry in exact.items():
         folded.setdefault(known.casefold(), entry)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 # Faces per batch. The corners of a batch take 19 MB (nine doubles each).
 _CHUNK = 1 << 18
-# Faces per batch of a volume computation.
+# Number of faces per batch when volumes are computed.
 _VOLUMES_AT_ONCE = 1 << 15
 
 
@@ -21,7 +21,7 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
         for start in range(0, len(faces), _CHUNK):
             corners = vertices[faces[start : start + _CHUNK]].astype(np.float64)
             first = corners[:, 0]
-            # The written-out sum has a fixed order, so that the kernels give bit-identical areas.
+            # This explicit sum has a fixed order, so that the kernels give bit-identical areas.
             x, y, z = np.cross(corners[:, 1] - first, corners[:, 2] - first).T
             area[start : start + _CHUNK] = 0.5 * np.sqrt(x * x + y * y + z * z)
     finite = np.isfinite(area)
@@ -65,10 +65,10 @@ def signed_volumes(vertices: NDArray[Any], faces: NDArray[Any]) -> NDArray[np.fl
 
 
 def sum_areas(area: NDArray[np.float64], group: NDArray[Any], groups: int) -> NDArray[np.float64]:
-    """Return the area (groups,) of each group of faces, added in the order of the faces.
+    """Return the area (groups,) of each group of faces.
 
     The argument `area` (F,) must not be negative. The argument `group` (F,) is the group of each face.
-    Rounding is monotone. Adding in face order guarantees that the area of a group never exceeds the area of
+    Rounding is monotone. The areas are added in face order, so the area of a group never exceeds the area of
     all faces. If all other faces have zero area, the area of the group equals the area of all faces.
     """
     return np.bincount(group, weights=area, minlength=groups).astype(np.float64)
@@ -99,8 +99,8 @@ def find_duplicate_faces(faces: NDArray[Any]) -> NDArray[np.bool_]:
     if len(faces) < 2:
         return extra
     low, high = faces.min(axis=1), faces.max(axis=1)
-    # The middle index is the sum minus the lowest and the highest index. If the sum overflows, the
-    # subtraction corrects the result.
+    # The middle index is the sum minus the lowest and the highest index. The sum of the indices may overflow,
+    # but the subtraction then wraps back to the right value.
     middle = faces[:, 0] + faces[:, 1] + faces[:, 2] - low - high
     order = np.lexsort((high, middle, low))  # The sort is stable: equal rows stay in ascending order
     same = np.ones(len(faces) - 1, bool)
@@ -112,13 +112,14 @@ def find_duplicate_faces(faces: NDArray[Any]) -> NDArray[np.bool_]:
 
 
 # Maximum number of faces that xatlas cuts into charts in one call. The time of xatlas grows with the square
-# of this number: 48,000 faces took 23 s in one block, and 5 s in blocks of this size. xatlas crashed on a
+# of this number. 48,000 faces took 23 s in one block, and 5 s in blocks of this size. xatlas crashed on a
 # sphere of 81,920 faces.
 UNWRAP_FACES = 8192
 
 
 def split_into_blocks(centers: NDArray[Any], most: int) -> list[NDArray[Any]]:
-    """Divide faces, given by their centres (F, 3), into compact blocks of at most `most` face numbers."""
+    """Divide the faces into compact blocks by their centres (F, 3). A block contains the indices of at most
+    `most` faces."""
     blocks = [np.arange(len(centers))]
     while len(blocks[0]) > most:
         halves = []

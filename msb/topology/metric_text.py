@@ -6,7 +6,7 @@ import math
 DECIMALS = 2
 # Larger counts are printed in millions. Smaller counts are printed in full, because "0.00 M" is useless.
 _MILLIONS_FROM = 1e5
-# Means of counts below this limit are printed with one decimal if they have a fraction.
+# Averages below this limit are printed with one decimal if they are not whole numbers.
 _FRACTIONS_BELOW = 100
 
 

@@ -12,21 +12,20 @@ if TYPE_CHECKING:
 
 Level = Literal["ok", "limited", "bad"]
 
-# Tasks that need a manifold surface. On other meshes, tools reject the mesh or open cracks. The paper also
-# names UV unwrapping and collision ("Mesh Structural Results": Local structure). Tools for these two tasks
-# cut and join the mesh themselves. The page docs/trial.md reports how well this works.
+# Tasks that need a manifold surface. On other meshes, tools reject the mesh or open cracks. According to the
+# paper, UV unwrapping and collision also need a manifold surface ("Mesh Structural Results": Local
+# structure). However, tools for these two tasks cut and join the mesh themselves, see docs/trial.md.
 SOLID_TOOLS = "subdivision, booleans or printing"
-# A tool or a person can repair a mesh with up to this share and this number of non-manifold edges or
-# vertices. Up to both limits, the level of such a mesh is LIMITED. Above one of the two limits the level of
-# the verdict is BAD. The repair profile `game` uses the same share.
+# Limits of the share and of the number of non-manifold edges or vertices. A tool or a person can repair a
+# mesh within both limits. Within both limits, the level of the verdict is LIMITED. Beyond one of the limits,
+# the level is BAD. The repair profile `game` uses the same share.
 MANY, MOST = 0.01, 1000
 # The verdict advises merging vertices if a weld removes more than this share of the boundary edges.
 _WORTH_MERGING = 0.5
 # The repair plan for a mesh with non-finite faces: every repair drops these faces, and `close` fills the
 # holes.
 _DROPPING = "orient,pair,close"
-# This repair step removes single triangles, which cannot be parts of a solid. The step allows a cap of any
-# size.
+# The step allows a cap of any size.
 _NO_STRAYS, _ANY_CAP = "debris:2", 99
 # Pieces are called too small if there are more than FEW_PIECES pieces with fewer than SMALL_PIECE faces on
 # average. The level of the verdict does not depend on this limit.
@@ -70,7 +69,7 @@ def judge(audit: Audit) -> Verdict:
     """Return the verdict on an audited mesh with all its faults, the gravest fault first.
 
     Any mesh can be displayed in the standard tier (opaque rendering) if all areas are finite and at least
-    one area is positive. The gravest fault decides which tasks the mesh is usable for. Seams are not
+    one area is positive. The gravest fault determines the tasks for which the mesh is usable. Seams are not
     faults: a mesh with seams is judged as if its seams were merged.
     """
     counts = audit.counts
@@ -89,7 +88,7 @@ def judge(audit: Audit) -> Verdict:
     faults = [(fault, text) for fault in _FAULTS if (text := fault.describe(audit))]
     if not faults:
         return Verdict("ok", f"usable for all tasks: {_describe_sound(audit)}")
-    # The gravest fault decides, but duplicate faces are named first if they are the cause of that fault.
+    # If duplicate faces cause the gravest fault, the verdict names the duplicates first.
     gravest = faults[0][0]
     faults.sort(
         key=lambda pair: not (pair[0].describe is _describe_duplicates and _duplicates_are_cause(audit))
@@ -106,7 +105,7 @@ def judge(audit: Audit) -> Verdict:
 
 
 def _describe_seams(audit: Audit) -> str:
-    """Return why the file stores more vertices than the mesh that was judged."""
+    """Explain why the file stores more vertices than the judged mesh."""
     count = audit.counts.seam_vertices
     vertices = "vertex" if count == 1 else "vertices"
     if audit.seams == "format":
@@ -173,7 +172,7 @@ def _name_merged(audit: Audit) -> str:
 
 
 def _choose_plan(audit: Audit) -> str:
-    """Return the repair plan for a mesh with faults that is not a triangle soup."""
+    """Return the repair plan for a faulty mesh that is not a triangle soup."""
     counts, bodies = audit.counts, audit.bodies
     if is_worth_merging(audit) or audit.closed_once_merged:
         within = "exact" if audit.merged is None else audit.merged.weld
@@ -313,9 +312,9 @@ def _describe_flips(audit: Audit) -> str:
 class _Fault:
     """A kind of fault in a mesh.
 
-    The field `describe` is a function. The function returns a clause with the extent of the fault, or "" for
-    a mesh without this fault. The field `tasks` is a function. The function returns a clause with the tasks
-    that the mesh is usable for if this fault is the gravest.
+    The field `describe` is a function. This function describes the extent of the fault, and returns "" for a
+    mesh without the fault. The field `tasks` is a function. This function names the tasks for which the mesh
+    is usable if this fault is the gravest.
     """
 
     level: Level

@@ -84,7 +84,7 @@ def _find_multifan(
     groups."""
     halfedge = np.arange(len(start))
     row = (halfedge // 3).astype(np.uint64)
-    place, node = np.unique(row * span + start, return_inverse=True)  # Each face counts once at a vertex.
+    place, node = np.unique(row * span + start, return_inverse=True)
     after = node[next_in_face(halfedge)]
     at_low, at_high = np.where(start <= end, node, after), np.where(start <= end, after, node)
     groups, group = label_components(

@@ -21,7 +21,8 @@ Repaired = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
 
 @dataclass(frozen=True)
 class PeerStep:
-    """A step of a peer: `work` takes vertices and faces, and returns new faces, vertex map and face map."""
+    """A repair step of a peer library: `work` takes vertices and faces, and returns the new faces, the vertex
+    map and the face map."""
 
     module: str
     distribution: str
@@ -29,7 +30,7 @@ class PeerStep:
 
 
 def cut_by_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Repaired:
-    """Return the result of `igl.split_nonmanifold`, which also cuts edges where the winding flips."""
+    """Return the result of `igl.split_nonmanifold`. This function also cuts edges where the winding flips."""
     import igl
 
     new, vertex_map = igl.split_nonmanifold(faces)
@@ -37,10 +38,11 @@ def cut_by_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Re
 
 
 def drop_by_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Repaired:
-    """Return the faces that remain after a repair by PyMeshLab: first the edges (Remove Faces), then the
-    vertices.
+    """Repair a mesh with PyMeshLab: first its edges (Remove Faces), then its vertices. Return the faces that
+    remain.
 
-    Vertices and faces carry their numbers as a scalar attribute. PyMeshLab's filters keep this attribute.
+    The index of each vertex and face is stored as a scalar attribute. PyMeshLab's filters keep this
+    attribute.
     """
     import pymeshlab
 

@@ -75,7 +75,7 @@ def close(
     )
 
 
-# New faces (n, 3), and the adjacent old face (n,) of each new face.
+# New faces (n, 3), and the old face (n,) beside each new face.
 Cap = tuple["NDArray[Any]", "NDArray[Any]"]
 
 
@@ -88,11 +88,11 @@ class _RimEdges:
     Attributes
     ----------
     halfedge, start, end : (B,) integers
-        The half-edge of each rim edge and its vertices.
+        The half-edge at each boundary edge, and its two vertices.
     follows : (B,) integers
-        The position of the next rim edge around the same fan, or NONE.
+        The next boundary edge around the same fan, or NONE.
     loop : (B,) integers
-        The number of the loop or chain.
+        The index of the loop or chain.
     sizes : (n,) integers
         The number of edges of each loop.
     whole : (n,) bool
@@ -113,15 +113,15 @@ def _find_rims(analysis: Analysis) -> _RimEdges:
     halfedge = mesh.edge_halfedges[mesh.edge_offsets[boundary.edges]]
     after = next_in_face(halfedge)
     leaves, enters = fans.corner_fan[halfedge], fans.corner_fan[after]
-    # `begins_at` is the boundary edge that leaves each fan. The edge that leaves a fan follows the boundary
-    # edge that enters this fan.
+    # `begins_at` contains the boundary edge that leaves each fan. The next boundary edge is the edge that
+    # leaves the same fan.
     begins_at = np.full(len(fans.fan_vertex), NONE, np.intp)
     begins_at[leaves] = np.arange(len(halfedge))
     follows = begins_at[enters]
     loop, start = boundary.chain, mesh.origin[halfedge]
     whole = boundary.closed.copy()
-    # If the winding flips along a boundary, two boundary half-edges leave one fan. Another fan then has no
-    # such half-edge.
+    # If the winding flips along a boundary, two boundary half-edges leave one fan, and none leaves another
+    # fan.
     whole[loop[(np.bincount(leaves, minlength=len(begins_at))[leaves] > 1) | (follows == NONE)]] = False
     # A loop that passes through a vertex twice cannot be closed.
     order = np.lexsort((start, loop))
@@ -148,10 +148,11 @@ def _cap_triangles(rim: _RimEdges, first: NDArray[Any]) -> Cap:
 def _cap_quadrangles(
     analysis: Analysis, rim: _RimEdges, first: NDArray[Any]
 ) -> tuple[list[Cap], NDArray[Any]]:
-    """Return caps of two faces each. Also return the loops of which both diagonals are already edges."""
+    """Return caps of two faces each. Also return the loops that cannot be closed, because both diagonals are
+    already edges."""
     count = len(analysis.vertices)
-    # `corner` (n, 4) has the vertices of each loop in order. `beside` (n, 4) has the face at each boundary
-    # edge.
+    # `corner` (n, 4) contains the vertices of each loop in order. `beside` (n, 4) contains the old face at
+    # each boundary edge.
     places = _walk_around(rim, first, 4)
     corner = np.stack([rim.start[place] for place in places], axis=1)
     beside = np.stack([face_of(rim.halfedge[place]) for place in places], axis=1)
@@ -170,7 +171,7 @@ def _cap_quadrangles(
         )
         diagonal = np.sort(ring[:, ::2].astype(np.int64), axis=1)
         key = diagonal[:, 0] * count + diagonal[:, 1]
-        _, earliest = np.unique(key, return_index=True)  # Two holes may share a diagonal.
+        _, earliest = np.unique(key, return_index=True)  # Two holes may have the same diagonal.
         free = np.zeros(len(left), bool)
         free[earliest] = True
         free &= ~np.isin(key, taken)
@@ -185,7 +186,7 @@ def _cap_quadrangles(
 
 
 def _cap_with_middles(rim: _RimEdges, wanted: NDArray[np.bool_], vertex_count: int) -> tuple[Cap, Rims]:
-    """Return the faces between each boundary edge and a new vertex, and the rims of the new vertices.
+    """Close loops with a new vertex in the middle. Return the new faces, and the rims of the new vertices.
 
     The argument `wanted` (n,) marks the loops to close. New vertices are numbered from `vertex_count` on.
     """
@@ -199,7 +200,8 @@ def _cap_with_middles(rim: _RimEdges, wanted: NDArray[np.bool_], vertex_count: i
 
 
 def _walk_around(rim: _RimEdges, first: NDArray[Any], count: int) -> list[NDArray[Any]]:
-    """Return `count` arrays (n,): the positions `first`, and the positions that follow around each loop."""
+    """Return `count` arrays (n,). The first array is `first`, and each further array contains the next
+    boundary edges."""
     places = [first]
     for _ in range(count - 1):
         places.append(rim.follows[places[-1]])

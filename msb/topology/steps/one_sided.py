@@ -1,9 +1,9 @@
 """Cut one-sided surfaces, such as Moebius strips, along short loops of edges until they have two sides.
 
-A walk along edges carries a sense of rotation from vertex to vertex. A loop is one-sided if the sense of
-rotation is reversed at its end. A cut along the loop removes the loop. In the search, the whole rim of a hole
-counts as one vertex. Therefore a cut from one rim to another rim is also a loop. A strip is cut across its
-width.
+A walk along edges transports a sense of rotation from vertex to vertex. A loop is one-sided if the sense of
+rotation is reversed after one turn along the loop. A cut along a one-sided loop removes the loop. The search
+treats the whole rim of a hole as one vertex. A cut from one rim to another rim is therefore a loop as well. A
+Moebius strip is cut across its width.
 
 Turning faces never makes a one-sided loop consistent. The loop always passes an edge whose two faces have
 opposite windings. The search for short loops therefore starts at edges whose two faces have opposite
@@ -25,18 +25,19 @@ from msb.topology.steps.change import Change, followed_by, unchanged
 from msb.topology.steps.cut import split_vertices
 from msb.topology.steps.sides import Sides, find_sides, find_sides_of_faces
 
-# Above this number of visited search states, the search drops every second start, to limit time and memory.
+# If the search visits more states than this, it drops every second start, to limit time and memory.
 _VISITS = 500_000
 
 
 def cut_one_sided(
     faces: NDArray[Any], vertex_count: int, *, only_manifold: bool = False
 ) -> tuple[Change, int, int]:
-    """Return the change, the number of cuts, and the number of cut edges. No component stays one-sided.
+    """Return the change, the number of cuts, and the number of cut edges. After the cuts, no component is
+    one-sided.
 
     Components are joined across two-face edges. Copies of the vertices along a cut are last. Faces keep their
     positions. A mesh without one-sided components is not changed. If `only_manifold` is true, a mesh with
-    edges of more than two faces is not changed, because cutting would separate all such edges.
+    edges of more than two faces is not changed. A cut would separate all faces at such edges.
     """
     change, cuts, edges = unchanged(faces, vertex_count), 0, 0
     while True:
@@ -57,7 +58,7 @@ def _find_loops_to_cut(
 ) -> list[NDArray[Any]]:
     """Return the shortest necessary loops of each one-sided component.
 
-    A loop consists of numbers of two-face edges. The arguments `first` and `second` are the half-edges (E2,)
+    A loop is an array of two-face edges. The arguments `first` and `second` are the half-edges (E2,)
     of the two-face edges.
     """
     differ = mesh.origin[first] == mesh.origin[second]
@@ -95,19 +96,19 @@ def _find_loops_to_cut(
 
 @dataclass(frozen=True)
 class _Steps:
-    """The steps (n,) between nodes of the search.
+    """The steps (n,) of the search. Each step connects two nodes.
 
     Attributes
     ----------
     near, far : (n,) integers
-        The nodes at both ends of each step.
+        Both nodes of each search step.
     odd : (n,) bool
         Whether the step reverses the sense of rotation.
     component : (n,) integers
     start : (n,) bool
         Whether searches start at this step.
     passed : (n, 2) integers
-        The vertices at both ends of each step; several vertices may be one node.
+        Both vertices of each search step. A node may have several vertices.
     """
 
     near: NDArray[Any]
@@ -120,11 +121,12 @@ class _Steps:
 
 @dataclass(frozen=True)
 class _Level:
-    """The sorted states `place` (n,) that a breadth-first search reaches after some number of steps.
+    """One level of a breadth-first search: the sorted states `place` (n,) that are reached after some number
+    of steps.
 
-    A search state is one number for three values: a start, a node, and the parity of the odd steps between
-    the start and the node. The field `before` is the row of the previous search state in the previous level.
-    The field `step` is the step from the previous state to this state.
+    A search state combines three values in one number: the start, the node, and the parity of the number of
+    odd steps so far. The field `before` is the index of the previous state in the previous level. The
+    field `step` is the step from the previous state to this state.
     """
 
     place: NDArray[np.int64]
@@ -136,12 +138,12 @@ class _Level:
 
 
 def _find_shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
-    """Return short loops with an odd number of odd steps, as row numbers of `steps`.
+    """Return short loops with an odd number of odd steps, as indices of `steps`.
 
-    No two loops share a vertex. Every loop with an odd number of odd steps contains a step that is marked as
-    a start. A single breadth-first search runs from all starts. Two paths from one start to the same node
-    form an odd loop if their parities differ. The search in a component ends at the level with its first
-    loops, because these loops are the shortest.
+    No two loops share a vertex. Every loop with an odd number of odd steps contains a start. A single
+    breadth-first search runs from all starts. Two paths from one start may reach the same node. The paths
+    form an odd loop if their parities differ. The search in a component ends at the first level with a loop,
+    because this loop is the shortest.
     """
     # Adjacency: the steps that leave each node, as ranges first[node] : first[node + 1].
     nodes, ends = np.unique(np.concatenate([steps.near, steps.far]), return_inverse=True)
@@ -150,7 +152,7 @@ def _find_shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
     first = np.searchsorted(ends, np.arange(len(nodes) + 1), sorter=leaving)
     to, step = ends[(leaving + count) % (2 * count)], (leaving % count).astype(np.int32)
 
-    # Level 0 holds every start with even parity.
+    # Level 0 contains every start with even parity.
     starts, rows = np.unique(ends[:count][steps.start], return_index=True)
     component = steps.component[steps.start][rows]
     none = np.zeros(0, np.int32)
@@ -171,7 +173,6 @@ def _find_shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
         new = new[~np.isin(there[new], np.concatenate([level.place for level in levels[-2:]]))]
         levels.append(reached[new])
 
-        # Two paths to the same node close an odd loop if their parities differ.
         alive = np.ones(len(new), bool)
         start = levels[-1].place // size
         for mirror in (len(levels) - 2, len(levels) - 1):
