@@ -48,12 +48,12 @@ class Asset:
     Notes
     -----
     `load` does not read the values. Check the values before computing with them. The memory mapping exists as
-    long as an array refers to it. If another program truncates the file, reading the missing part ends the
-    process, as for any memory mapping.
+    long as an array refers to it. If another program truncates the file, reading the missing part ends this
+    process, as with any memory mapping.
 
     `copy.copy` shares the arrays and the mapping. `copy.deepcopy` and `pickle` copy the values, so that the
     copy does not need the file. To pass an asset to another process on the same machine, send its path.
-    A copy keeps the value of `path`.
+    A copy of the asset keeps the value of `path`.
 
     Examples
     --------
@@ -167,7 +167,8 @@ class Asset:
 
 
 def _restored(manifest: Manifest, buffers: dict[str, NDArray[Any]], *others: Any) -> Asset:
-    """Return an asset with these attributes. The buffers of the asset are read-only."""
+    """Return an asset with the given attributes and read-only buffers. The buffers of the asset are
+    read-only."""
     views = {name: array.view() for name, array in buffers.items()}
     for view in views.values():
         view.flags.writeable = False

@@ -23,8 +23,8 @@ MAX_TRIANGLE_DEGREE = 3
 # The orders of the columns of f_rest. In the first order, coefficient k = 1..K of channel c = 0..2 is in
 # column 3 (k - 1) + c. In the second order, coefficient k of channel c is in column c K + k - 1.
 F_REST_ORDERS = ("coefficient_major", "channel_major")
-# For each standard buffer: its possible dtypes, lengths of the second axis, and domains. The length None
-# means an array with a single axis.
+# For each standard buffer: possible dtypes, possible lengths of the second axis, and possible domains. If the
+# length is None, the array has a single axis.
 _STANDARD: dict[str, tuple[tuple[str, ...], tuple[int, ...] | None, tuple[str, ...]]] = {
     "positions": (("float32",), (3,), ("vertex",)),
     "indices": (("uint32",), (3,), ("face",)),
@@ -44,7 +44,7 @@ _STANDARD: dict[str, tuple[tuple[str, ...], tuple[int, ...] | None, tuple[str, .
 def check_manifest(data: Any) -> list[Finding]:
     """Return all findings about the parsed manifest `data`.
 
-    A wrong format or major version ends the check, because other keys may then have another meaning.
+    If the format or the major version is wrong, the check ends, because other keys may have another meaning.
     """
     if not isinstance(data, dict):
         text = f"the manifest is {describe(data)}; it must be an object"
@@ -104,7 +104,8 @@ def _version(data: Json) -> tuple[int, int]:
 
 
 def _check_minor(data: Json, what: str, needed: str) -> Iterator[Finding]:
-    """Yield a finding if the manifest uses the feature `what`, but is older than the version `needed`."""
+    """Yield a finding if the manifest uses a feature (`what`) of the version `needed`, but states an older
+    version."""
     if _version(data) < _version({"version": needed}):
         text = f"version is {data['version']}; {what} need {needed}"
         yield finding("TRIASSET_FIELD", text, pointer="/version", value=data["version"], limit=needed)
@@ -251,7 +252,7 @@ def _check_required_buffers(data: Json) -> Iterator[Finding]:
         yield finding("TRIASSET_FIELD", text, pointer=pointer, value=shape, limit=width)
     order = data["appearance"].get("f_rest_order")
     if order not in F_REST_ORDERS:
-        text = f"appearance.f_rest_order is {describe(order)}; with a buffer f_rest it must be "
+        text = f"appearance.f_rest_order is {describe(order)}; for a buffer f_rest it must be "
         text += " or ".join(F_REST_ORDERS)
         yield finding("TRIASSET_FIELD", text, pointer="/appearance/f_rest_order", value=order)
 

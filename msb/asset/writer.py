@@ -91,7 +91,7 @@ def write_packed(asset: Asset, file: IO[bytes]) -> None:
 
 
 def _check_readable(asset: Asset, path: object) -> None:
-    """Raise an error if `load` would reject the manifest, or if the buffers do not match it."""
+    """Raise an error if `load` would reject the manifest, or if the buffers do not fit the manifest."""
     raise_first_error(check_manifest(asset.manifest.to_dict()), path)
     size = len(asset.manifest.to_bytes())
     if size > MAX_BYTES:

@@ -176,7 +176,7 @@ def _choose_outputs(source: Path, inputs: list[Path], target: Path, to: str) -> 
 
 
 def _convert(conversion: Conversion, source: Path, target: Path, output: Output) -> None:
-    """Convert one input; print the contents of the output, and notes about missing data."""
+    """Convert one input; then print the contents of the output and notes about missing data."""
     done = conversion.run(source, target)
     if not output.quiet:
         echo(f"{target}: {', '.join(done.contents)}")

@@ -1,4 +1,5 @@
-"""The function `msb.convert`, which converts one model; `msb convert` calls the same code per input."""
+"""The function `msb.convert`, which converts a single model. The command `msb convert` calls the same code
+for each input."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -76,9 +77,9 @@ def convert(
     engine: Engine | None = None,
     official: bool = False,
 ) -> Converted:
-    """Convert a model or mesh. The suffix of `target` sets the format, as in `msb convert`.
+    """Convert a model or mesh. The suffix of `target` sets the format, as in the command `msb convert`.
 
-    Vertices and faces, their order and colours are kept as far as the format allows. A mesh file keeps the
+    Vertices and faces keep their order and colours as far as the format allows. A mesh file keeps the
     precision of its coordinates, unless the format of the output has only float32. If an error occurs, no
     file is written.
 
@@ -101,7 +102,7 @@ def convert(
     known_distance : (str, str, str), optional
         In place of `scale`: two points "X,Y,Z" of `source` and their distance, such as "1.2m".
     floor : bool
-        Put the lowest point at height 0; far outliers are ignored.
+        Put the lowest point at height 0. Far outliers are ignored.
     color, texture, engine : str, optional
         As in `msb.save`.
     official : bool
@@ -196,7 +197,7 @@ class Conversion:
             output_suffix(target, "OUT")
 
     def run(self, source: Path, target: Path) -> Converted:
-        """Convert one input; `check_target` has checked the output path before."""
+        """Convert one input. The function `check_target` must have checked the output path."""
         if self.official:
             return self._write_official(source, target)
         if target.suffix.lower() == ASSET_SUFFIX:

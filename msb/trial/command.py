@@ -141,7 +141,9 @@ class _Run:
             output.check_folder(options.save)
         drawing.check_device()  # without a device, only tasks without renderings are tried
         if not limits.limits_memory:
-            output.note("warning: --memory has no effect on this system; only --seconds limits the libraries")
+            output.note(
+                "warning: --memory has no effect on this system; only the option --seconds limits the libraries"
+            )
         self.printed = False
 
     def try_path(self, path: Path, _alone: bool) -> tuple[dict[str, Any], int]:
@@ -185,7 +187,7 @@ class _Run:
         if "no_pictures" in seen_by:
             self.output.note(f"{seen_by['no_pictures']}; renderings of the results are not compared")
         elif "see_nothing" in seen_by:
-            text = f"{seen_by['see_nothing']} of the views do not show the mesh and are ignored"
+            text = f"{seen_by['see_nothing']} of the views do not show the mesh; they are ignored"
             self.output.note(text)
         if not self.output.prints_text:
             return

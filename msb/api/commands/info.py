@@ -61,7 +61,7 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
     unit = (
         f"{frame.units} units" if length is None else f"a unit is {length:g} m ({(m.unit or {})['source']})"
     )
-    # The table has a row for each property, and omits rows that do not apply.
+    # The table has a row for each property. Rows that do not apply are omitted.
     rows: list[tuple[str, str]] = [
         (
             "file",

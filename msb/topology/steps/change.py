@@ -11,7 +11,7 @@ from msb.topology.halfedge import NONE
 
 @dataclass(frozen=True)
 class Rims:
-    """An added vertex gets the average of the values of these vertices.
+    """The rims of added vertices. An added vertex gets the average of the values in its rim.
 
     The old vertices around the added vertex i are ``vertices[offsets[i] : offsets[i + 1]]``.
     """

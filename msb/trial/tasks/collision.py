@@ -17,12 +17,12 @@ from msb.trial.renderings import Renderings, random_colors
 from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, format_count, grade
 from msb.trial.tasks.decimate import decimate_with_pymeshlab, draw_side_by_side
 
-# Limits of the distance from the visible surface to the shape for "works" and for "works with limitations".
-# The limit applies to the 95 % quantile of the distances on the surface. The unit is the bounding-box
-# diagonal.
+# Limits for "works" and for "works with limitations": distance from the visible surface to the shape.
+# The limit applies to the 95 % quantile of the distances on the surface. The unit of distance is the
+# bounding-box diagonal.
 NEAR, FAR = 0.02, 0.05
-# Limits of the protruding fraction of the shape for "works" and for "works with limitations". A part of the
-# shape protrudes if a camera sees empty space in its place.
+# Limits for "works" and for "works with limitations": fraction of the shape that protrudes. A part of the
+# shape protrudes if a camera can see empty space at its place.
 LITTLE, MUCH = 0.1, 0.3
 # A point protrudes if its distance in front of the surface exceeds this fraction of the diagonal.
 TOLERANCE = 0.01
@@ -91,8 +91,8 @@ def _decimate(mesh: TrialMesh, given: Arrays) -> Output:
     shape = decimate_with_pymeshlab(mesh, {}, percent=_PERCENT).meshes["mesh"]
     if not len(shape.faces):
         raise ValueError("no face is left")
-    # Sample points (n, 3) uniformly on the surface, with normalised exponential variables as barycentric
-    # coordinates. Sample points far from the mesh protrude.
+    # Distribute sample points (n, 3) uniformly over the surface. Normalised exponential variables give
+    # barycentric coordinates. A sample point that is far from the mesh protrudes.
     rng = np.random.default_rng(0)
     corners = shape.vertices[
         shape.faces[
@@ -128,8 +128,8 @@ def sample_inside(
 ) -> NDArray[np.float64]:
     """Return `count` reproducible points (count, 3), distributed uniformly over the volume of convex parts.
 
-    Each convex part is split into tetrahedra. A tetrahedron connects a face of the part with its centre. Four
-    exponential variables divided by their sum are uniformly distributed barycentric coordinates.
+    Each convex part is split into tetrahedra. Each tetrahedron connects a face with the centre of the part.
+    The barycentric coordinates of a point are four exponential variables, divided by their sum.
     """
     rng = np.random.default_rng(0)
     sampled = []
@@ -214,7 +214,7 @@ def _list_measures(numbers: Numbers) -> list[str]:
 def _summarize(numbers: Numbers) -> str:
     """Return a text with the numbers of the shape from CoACD.
 
-    Fallbacks have no text, because the reason for the outcome already names the shape.
+    If CoACD failed, return an empty text, because the reason for the outcome already names the shape.
     """
     if "instead" in numbers:
         return ""

@@ -25,7 +25,7 @@ from msb.trial.task import (
     pick_worst,
 )
 
-# A result may have this factor times the requested number of faces.
+# A result may exceed the requested number of faces by this factor.
 SLACK = 1.05
 
 
@@ -42,9 +42,9 @@ def _decimate_with_fast_simplification(mesh: TrialMesh, _: Arrays, *, percent: i
     *_mesh, collapses = fast_simplification.simplify(
         mesh.vertices, faces, target_count=_count_target_faces(mesh, percent), return_collapses=True
     )
-    # The library drops vertex colours. Repeat the edge collapses to find the new vertex of each old vertex
-    # (-1 if its faces were removed). The colour of a new vertex is the average colour of the old vertices
-    # that were merged into it.
+    # The library drops vertex colours. Repeat the edge collapses to find the new vertex of each old vertex.
+    # The value is -1 if the old vertex was removed. The colour of a new vertex is the average colour of the
+    # old vertices that were merged into it.
     vertices, kept, merged = fast_simplification.replay_simplification(mesh.vertices, faces, collapses)
     used = np.unique(mesh.faces)
     used = used[np.asarray(merged)[used] >= 0]
