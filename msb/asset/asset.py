@@ -167,8 +167,7 @@ class Asset:
 
 
 def _restored(manifest: Manifest, buffers: dict[str, NDArray[Any]], *others: Any) -> Asset:
-    """Return an asset with the given attributes and read-only buffers. The buffers of the asset are
-    read-only."""
+    """Return an asset with the given attributes and read-only buffers."""
     views = {name: array.view() for name, array in buffers.items()}
     for view in views.values():
         view.flags.writeable = False

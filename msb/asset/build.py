@@ -186,8 +186,7 @@ def _finite_chunks(positions: NDArray[np.float32]) -> Iterator[NDArray[np.float3
 
 
 def _columnwise(ufunc: np.ufunc, rows: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Reduce the rows (N, 3) with `ufunc`. To save time, 1024 rows are reduced side by side. To save time,
-    1024 rows are reduced side by side."""
+    """Reduce the rows (N, 3) with `ufunc`. To save time, 1024 rows are reduced side by side."""
     whole = len(rows) - len(rows) % 1024
     rest = rows[whole:]
     if whole:

@@ -252,7 +252,7 @@ def _check_required_buffers(data: Json) -> Iterator[Finding]:
         yield finding("TRIASSET_FIELD", text, pointer=pointer, value=shape, limit=width)
     order = data["appearance"].get("f_rest_order")
     if order not in F_REST_ORDERS:
-        text = f"appearance.f_rest_order is {describe(order)}; for a buffer f_rest it must be "
+        text = f"appearance.f_rest_order is {describe(order)}; with a buffer f_rest it must be "
         text += " or ".join(F_REST_ORDERS)
         yield finding("TRIASSET_FIELD", text, pointer="/appearance/f_rest_order", value=order)
 

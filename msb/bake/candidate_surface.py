@@ -318,9 +318,9 @@ def _make_shape_weight(points: Floats, faces: Ints, space: Space) -> Callable[[S
 def _reduce(surface: ClosedSurface, budget: int, context: SearchContext) -> ReducedSurface:
     """Make two or three surfaces with about `budget` faces and without crossing faces.
 
-    Return the best surface. For the first surface, merge vertices of unseen parts before the reduction. The
-    first surface is rejected if its merged parts cut through visible parts. For the second surface, do not
-    merge these vertices. With a small budget, a third surface is made. The third surface is reduced to twice
+    Return the surface with the smallest validation error. In the first surface, vertices of unseen parts are
+    merged before the reduction. In the second surface, these vertices are not merged, because merged parts
+    may cut through visible parts. With a small budget, a third surface is made. The third surface is reduced to twice
     as many faces, its thin parts are repaired, and it is reduced again.
     """
     budget, original_faces = max(budget, MIN_CLOSED_FACES), len(surface.faces)

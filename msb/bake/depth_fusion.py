@@ -33,8 +33,8 @@ REACH, BEHIND = 3.0, 1.5
 # The surface is moved outwards by this number of cells, so that thin sheets and stems become solids that the
 # grid can resolve. `pull_in` moves the surface back where the solid is thick.
 THICKNESS = 1.0
-# Number of views that see a cell, divided by the number of views that do not see the cell. A
-# cell with a smaller ratio counts as solid. The views that see the cell then probably look through a hole in
+# Number of views that see a cell, divided by the number of views that do not see the cell. A cell with a
+# smaller ratio counts as solid. The few views that see the cell probably look through a hole in
 # the soup.
 MIN_SEEN_RATIO = 0.05
 # Number of steps of `pull_in`. Each step interpolates the grid once.
@@ -239,7 +239,7 @@ def pull_in(points: Floats, values: Singles, grid: Grid) -> Floats:
 def _fill_unknown(values: Singles, known: Mask) -> None:
     """Fill the unknown cells of votes (nx, ny, nz) in place.
 
-    Each unknown cell is the centre of blocks with sides of 2, 4, 8, ... cells. Use the smallest block with
+    Each unknown cell lies in blocks with sides of 2, 4, 8, ... cells. Use the smallest block with
     known cells, and copy its smoothed average to the unknown cell.
     """
     from scipy.ndimage import uniform_filter
@@ -269,7 +269,7 @@ def _fill_unknown(values: Singles, known: Mask) -> None:
 def _make_shell_votes(grid: Grid) -> Singles:
     """Return votes (nx, ny, nz) for the solid shell around a scene.
 
-    The shell begins at the radius `EDGE` minus half of `REACH`.
+    The shell begins `REACH` / 2 cells inside the radius `EDGE`.
     """
     axes = [grid.low[k] + grid.cell * np.arange(grid.shape[k]) for k in range(3)]
     x, y, z = np.meshgrid(*(np.square(axis).astype(np.float32) for axis in axes), indexing="ij", sparse=True)

@@ -108,8 +108,8 @@ class Adam:
     def compute_move(self, gradient: Floats, square: Floats | float) -> Floats:
         """Return the move (..., 3) to subtract from the coordinates, for the gradient (..., 3) of the error.
 
-        `square` is the mean squared gradient over all coordinates with the same scale. The shape
-        of `square` must broadcast to `gradient`.
+        `square` is the mean squared gradient over all coordinates with the same scale. The shape of `square`
+        must broadcast to `gradient`.
         """
         # Running averages. Both running averages start at 0. The divisions by 1 - decay^step correct this
         # bias.

@@ -75,7 +75,7 @@ class ImageCache:
         return image
 
     def notes(self) -> list[str]:
-        """Return a note with the numbers of reused and damaged cached images, or None."""
+        """Return a note with the numbers of reused and damaged images, or an empty list."""
         if not self._reused and not self._damaged:
             return []
         count = len(self._reused)

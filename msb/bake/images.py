@@ -182,9 +182,9 @@ def quantize(image: Singles | NDArray[np.uint16]) -> NDArray[np.uint16]:
 
 
 class _ImageSubset(ViewImages):
-    """An image is identified by its set and its index in the set.
+    """A subset of the images of other image sets.
 
-    An image is identified by its set and its number in the set.
+    An image is identified by its set and its index in the set.
     """
 
     def __init__(self, chosen: Sequence[tuple[ViewImages, int]], weights: Sequence[float]) -> None:

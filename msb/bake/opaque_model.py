@@ -16,8 +16,8 @@ from msb.meshes.assets import mesh_from_asset, with_vertex_colors
 from msb.meshes.charts import with_sampled_colors
 from msb.meshes.mesh import Mesh
 
-# The ratio is the blending weight of a face, divided by the number of pixels that the opaque face covers.
-# These limits are tried in the given order. A face whose ratio is below the limit is pruned, because the
+# Limits of a ratio: the blending weight of a face, divided by the number of pixels that the opaque face
+# covers. The limits are tried in this order. A face whose ratio is below the limit is pruned, because the
 # faces behind it contribute more to native renderings. The validation images decide which limit is best. The
 # value 0.25 was best for a walled scene and for a garden. Limits above 0.4 open holes.
 WEIGHT_RATIOS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35)

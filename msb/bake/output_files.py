@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
     WriteFile = Callable[[BinaryIO], object]
 
-# The smallest textured mesh serves to list these files. The additional files of a textured mesh do not depend
-# on the mesh.
+# The additional files of a textured mesh do not depend on the mesh. This smallest textured mesh serves to
+# list the files.
 _SMALLEST_TEXTURED = Mesh(
     np.zeros((3, 3), np.float32),
     np.arange(3)[None],
@@ -92,8 +92,7 @@ def write_assets(
 ) -> list[tuple[Path, int]]:
     """Write assets to all paths in the formats of their suffixes. If one file fails, write no file.
 
-    Return the first file of each asset, and its size in bytes. The size in bytes includes the
-    additional files.
+    Return the first file of each asset, and its size in bytes. The size includes the additional files.
     """
     if not paths:
         raise UsageError("USAGE", "missing output; pass a path to write to")

@@ -19,7 +19,7 @@ _SIDE = 320
 def choose_frame(
     model: Asset, baked: Asset, views: BakeViews, options: BakeOptions, device: str | None
 ) -> Frame | None:
-    """The coordinate frame of the baked asset; None if it equals the frame of the model."""
+    """Return the coordinate frame of the baked asset. Return None if it equals the frame of the model."""
     frame = options.frame or Frame()
     if frame.up is None and views.scene is not None and model.manifest.coordinate_frame.known_up is None:
         frame = replace(frame, up=unit_vector(views.scene.up))

@@ -56,8 +56,8 @@ def _measure_model_only(
 ) -> float:
     """Return the average PSNR in dB over the pixels that the model or the baked mesh covers.
 
-    Use the background colour for pixels that neither mesh covers. Pixels that neither mesh covers show
-    the background in both images.
+    The coverage masks (H, W) of the model are `covered`. Both images show the background at pixels that
+    neither mesh covers.
     """
     values = []
     with closing(StandardRenderer(baked, device=device, supersample=SAMPLES_PER_SIDE)) as renderer:

@@ -207,7 +207,7 @@ def bake(
     Raises
     ------
     UsageError
-        An argument is invalid. Or views from inside are requested for a flat asset.
+        An argument is invalid, or views from inside are requested for a flat asset.
     MetricError
         `METRIC_NOTHING_SHOWN`: no view sees the asset.
     Unsupported

@@ -1,8 +1,8 @@
 """The shape of a surface: how strongly it bends, and how far it is from a true surface.
 
 PSNR cannot detect dents, because unlit images of a dented surface look right. For 16 surfaces of one object,
-the average angle to the true normals was known. Its rank correlation was 0.95 with the bending, and 0.02 with
-PSNR.
+the average angle to the true normals was known. The rank correlation of this angle was 0.95 with the
+bending, and 0.02 with PSNR.
 """
 
 from __future__ import annotations

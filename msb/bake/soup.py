@@ -1,4 +1,4 @@
-"""A search changes this triangle soup: the corners, the colours, and the selection of faces.
+"""A triangle soup whose corners, colours and face selection are changed by a search.
 
 A triangle soup is a set of triangles that share no vertices.
 """

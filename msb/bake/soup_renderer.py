@@ -68,7 +68,7 @@ class SupervisedRenderer(StandardRenderer):
         return camera.width * camera.height
 
     def _draw_view(self, number: int) -> tuple[dict[str, Buffer], Buffer, int]:
-        """Queue a rendering. Queue a rendering. Return the renderer's buffers, the camera's kernel values,
+        """Queue a rendering. Return the renderer's buffers, the camera's kernel values,
         and the number of pixels."""
         camera = self.images.cameras[number].in_units()
         if number not in self._views:

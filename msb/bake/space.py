@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 # A model is a scene if more than this share of the visible points is farther from the focus than the cameras.
 # Otherwise the model counts as an object.
 _SCENE_SHARE = 0.02
+# Radius of the uncontracted part of a scene. The unit is the median distance of the cameras from the focus.
 _NEAR_RADIUS = 0.5
 # An object's box may exclude this percentage of the visible points at each side, because some faces are
 # stray.

@@ -177,7 +177,6 @@ def with_vertex_colors(mesh: Mesh) -> Mesh:
 def fit_to_format(mesh: Mesh, suffix: str, *, is_upright: bool = False) -> Mesh:
     """Return `mesh` reduced to the data that files of `suffix` can store.
 
-
     Colours and UVs are moved to the elements for which the format stores them, usually vertices. Textures
     become vertex colours if the format has no textures. The mesh is in metres if its unit is known. A mesh
     with a known up axis is rotated so that +y is up. The rotation requires a format with an up axis, or

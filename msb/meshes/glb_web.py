@@ -26,8 +26,8 @@ from msb.meshes.mesh import Mesh
 from msb.meshes.writing import as_local
 
 _MESHOPT, _QUANTIZATION = "EXT_meshopt_compression", "KHR_mesh_quantization"
-# A finer grid would need coordinates of more than 24 bits, the size of a mantissa. Mantissas of 24 bits
-# cannot represent the coordinates of a finer grid. The second limit is for a grid step that varies by
+# Finest precision of positions, in quarters of a bit. Mantissas of 24 bits cannot represent the coordinates
+# of a finer grid. The second limit is for a grid step that varies by
 # distance. The second limit is 3 bits lower, because such a grid is up to 3 bits finer in places.
 _FINEST, _FINEST_BY_DISTANCE = 88, 76
 # Finest and coarsest grid step if the step varies by distance. The values are binary logarithms of the ratio

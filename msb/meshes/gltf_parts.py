@@ -69,7 +69,8 @@ class PrimitiveArrays:
     base : BaseColor
         The material.
     keys : (V,) uint32
-        The seam keys: hashes of the attributes that are not read. A triangle list cannot share vertices.
+        The seam keys: hashes of the attributes that are not read. A triangle list cannot share vertices, so
+        every vertex gets a separate key if no vertex is used twice.
     """
 
     vertices: NDArray[Any]

@@ -68,8 +68,7 @@ _HARMLESS = (
 # if only these parts use the extension.
 _LOOKS = ("materials", "textures", "images", "samplers", "animations", "cameras")
 
-# Names of unread attributes for messages. Names of unread attributes for messages, without the number of the
-# set.
+# Names of unread attributes for messages, without the number of the set.
 _ATTRIBUTES = {
     "NORMAL": "normals",
     "TANGENT": "tangents",
@@ -279,9 +278,9 @@ def _combine_colors(part: PrimitiveArrays, cutoff: float | None, is_srgb: bool) 
     """Return the sRGB colours (V, 3 | 4) of a part, multiplied with the base factor.
 
     Return None if all colours are white. The argument `cutoff` is the alpha cut-off of the mesh. A different
-    cut-off of the part is converted: alpha is multiplied with the ratio of the two cut-offs. If the part has
-    no cut-off, alpha is
-    1. If `cutoff` is None, alpha is returned unchanged, and renderers ignore it.
+    cut-off of the part is converted: alpha is multiplied with the ratio of the two cut-offs. Without a
+    cut-off of the part, alpha is set to 1. If `cutoff` is None, alpha is returned unchanged, and renderers
+    ignore it.
     """
     factor, part_cutoff = np.array(part.base.factor, np.float32), part.base.cutoff
     if cutoff is None or part_cutoff is None:
@@ -359,13 +358,12 @@ def _list_left_out(document: Document, meshes: Iterable[int], colors: list[BaseC
 
 
 def _filter_objects(entries: Any) -> list[dict[str, Any]]:
-    """If `entry` is not an object, return an empty list."""
+    """Return the objects in the JSON array `entries`. If `entries` is not an array, return an empty list."""
     return [entry for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
 
 
 def _list_keys(entry: Any) -> list[Any]:
-    """Return the keys of the JSON object `entry`. Return the objects in the JSON array `entries`. If
-    `entries` is not an array, return an empty list."""
+    """Return the keys of the JSON object `entry`. If `entry` is not an object, return an empty list."""
     return list(entry) if isinstance(entry, dict) else []
 
 

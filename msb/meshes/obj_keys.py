@@ -20,7 +20,7 @@ from msb.meshes.text import Words, word_blocks
 def read_corner_keys(mesh: Mesh, text: Source, cut: Triangulation) -> NDArray[np.uint32] | None:
     """Return the seam keys (3F,) of the corners of `mesh`, or None. The mesh was read from `text`.
 
-    The argument `cut` is the triangulation of the polygons. Keys are only computed if two vertices coincide.
+    The argument `cut` is the triangulation of the polygons. The keys matter only if two vertices coincide.
     The result is None if normals or texture coordinates are malformed.
     """
     with np.errstate(over="ignore"):

@@ -140,7 +140,7 @@ def _read_header(text: Source) -> _Header:
 
 
 def _read_keyword(text: Source, content: bytes) -> tuple[frozenset[str], bytes]:
-    """Return two texts from the first line: the prefixes before "OFF", and the remaining text after the
+    """Return the prefixes in the keyword of the first line, such as "C" in COFF. Also return the text after the
     keyword."""
     keyword = _KEYWORD.fullmatch(content)
     if keyword is None:

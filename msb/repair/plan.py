@@ -41,7 +41,7 @@ class Options:
         at most this distance.
     pair_color : float
         The weight of colour differences for `pair`: the cost of joining a black and a white face. A fold by
-        by 180 degrees has the cost 1.
+        180 degrees has the cost 1.
     debris_faces : int
         The step `debris` removes components with fewer faces than this.
     debris_share : float

@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
     Buffers = Mapping[str, NDArray[Any]]
 
-# Maps each step to later steps that do not make a repetition of this step necessary. Turning faces moves no
-# vertex, and `debris` removes whole components. Therefore `debris` must be repeated after `orient`. The step
-# `orient` cuts one-sided surfaces, so a component may fall apart.
+# For each step, lists the later steps after which this step need not be repeated. Turning faces moves no
+# vertex, and `debris` removes whole components. However, `orient` cuts one-sided surfaces, so a component may
+# fall apart. Therefore `debris` must be repeated after `orient`.
 _UNTOUCHED_BY = {
     "orient": ("orient", "debris"),
     **dict.fromkeys(("pair", "cut"), ("pair", "cut", "orient", "debris")),

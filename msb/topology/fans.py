@@ -1,8 +1,8 @@
 """Fans around vertices, boundary loops, and the definitions of a non-manifold vertex.
 
 A *fan* is a set of corners at one vertex that are connected across two-face edges. A vertex is manifold
-exactly if it has one fan. The page docs/definitions.md proves this identity. Tests check the identity *strict
-= several fans = multifan or endpoint of a non-manifold edge*.
+exactly if it has one fan. Tests check the identity *strict = several fans = multifan or endpoint of a
+non-manifold edge*. The proof is in docs/definitions.md.
 """
 
 from dataclasses import dataclass

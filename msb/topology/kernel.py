@@ -3,11 +3,12 @@
 `findings.find_by_numpy` is the readable version of this module.
 
 1. Corners are sorted into blocks of vertices. A block fits into the cache of a processor core. A corner
-stores the other two vertices of its face. Each vertex of a block is visited together with all its faces.
-   Common neighbour vertices of two faces determine edges, fans, duplicates and the boundary. A kernel
-   compares all pairs of faces at a vertex (audit_small.cl). If a vertex has many faces, the kernel sorts the
-   faces instead (audit_large.cl). Each visit adds pairs of connected faces to lists. Uniting the pairs gives
-   the components. The lowest face of a component is its root (audit_pairs.cl).
+   stores the other two vertices of its face.
+2. Each vertex of a block is visited together with all its faces. Common neighbour vertices of two faces
+   determine edges, fans, duplicates and the boundary. A kernel compares all pairs of faces at a vertex
+   (audit_small.cl). If a vertex has many faces, another kernel sorts the faces instead (audit_large.cl).
+3. Each visit adds pairs of connected faces to lists. Uniting the pairs gives the components. The lowest face
+   of a component is its root (audit_pairs.cl).
 
 docs/audit_speed.md gives reasons and measurements.
 """
@@ -73,7 +74,7 @@ def find_by_kernels(
     """Return the findings of the audit of floating `points` (V, 3) and int32 `faces` (F, 3).
 
     The device must support double precision. The argument `workers` is the number of work-items, by default
-    one per compute unit. the kernels take O(V + F) time if vertices have few faces, and O(V + F log F) for
+    one per compute unit. The kernels take O(V + F) time if vertices have few faces, and O(V + F log F) for
     any mesh. The kernels use about 45 bytes of device memory per face, which are released at the end.
     """
     run = _Run(points, faces, device, workers or device.record.compute_units, sizes or Sizes())

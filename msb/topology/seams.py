@@ -2,8 +2,7 @@
 
 In most formats a vertex row has a single UV coordinate, colour and normal. A triangle list shares no vertices
 at all. The page docs/definitions.md ("Seams") has the definition. Vertices duplicated for another reason are
-not seams. Vertices may be duplicated for other reasons. The field `closes_once_merged` then tells whether an
-exact weld would close the mesh.
+not seams. For such vertices, `closes_once_merged` tells whether an exact weld would close the mesh.
 """
 
 from collections.abc import Mapping
@@ -30,16 +29,17 @@ from msb.topology.weld import Weld, find_coincident_vertices, merge_coincident, 
 # matter.
 Attributes = Mapping[str, NDArray[Any]]
 SeamKind = Literal["texture", "color", "normal", "format"]
-# If a larger share of the edges coincide with another edge, a triangle soup is treated as a surface without
-# shared vertices. In a trained triangle soup, corners coincide by chance only.
+# If more than this share of the edges coincide with another edge, a triangle soup is treated as a surface
+# without shared vertices. In a trained triangle soup, corners coincide by chance only.
 _COINCIDING = 0.5
-# Such faces are the two sides of a thin sheet. The edge between these two faces is not a seam. Two faces fold
-# onto each other if the cosine of the angle between their normals is below this limit. With this limit, the
-# angle may differ from 180 degrees by 0.08 degrees.
+# Two faces fold onto each other if the cosine of the angle between their normals is below this limit. The
+# angle may differ from 180 degrees by 0.08 degrees. Such faces are the two sides of a thin sheet, and the
+# edge between the faces is not a seam.
 _FOLDED = -0.999999
 
 # Largest rounding difference of two vertices, relative to the largest coordinate. The value is four units in
-# the last place of float32. Largest rounding difference relative to the size of the mesh.
+# the last place of float32. The second value limits the difference relative to
+# the size of the mesh.
 _ROUNDING, _MOST_ROUNDING = 2.0**-21, 1e-5
 
 # If a mesh has at most this number of faces, the audit tests an exact weld even without --weld. Testing an
@@ -61,8 +61,8 @@ class Seams:
         The kind is "format" for a triangle list. The kind is "normal" if only ignored attributes differ, such
         as normals. Otherwise the kind is "texture" if the mesh has UVs, and "color" if not.
     unexplained : bool
-        Whether some vertices are duplicated only for ignored attributes. A renderer needs the
-        duplicated vertices only for the attributes.
+        Whether some vertices are duplicated only for ignored attributes. A renderer needs the duplicates only
+        for these attributes.
     """
 
     first: NDArray[Any]
@@ -252,8 +252,8 @@ def _find_torn_edges(
     )
     group = group.reshape(-1)
     other = first[group]
-    # `differs[e]` is true if other attributes differ. `by_key[e]` is true if the two edges
-    # differ only in their seam keys.
+    # `differs[e]` is true if other attributes differ. `by_key[e]` is true if the two edges differ only
+    # in their seam keys.
     differs, by_key = np.zeros(len(edges), bool), np.zeros(len(edges), bool)
     for name, values in corner_values.items():
         unequal = (values[corner] != values[corner[other]]).any(axis=(1, 2))

@@ -25,7 +25,7 @@ _WORTH_MERGING = 0.5
 # The repair plan for a mesh with non-finite faces: every repair drops these faces, and `close` fills the
 # holes.
 _DROPPING = "orient,pair,close"
-# The step allows a cap of any size.
+# `_NO_STRAYS` removes single triangles, which cannot be parts of a solid. `_ANY_CAP` allows caps of any size.
 _NO_STRAYS, _ANY_CAP = "debris:2", 99
 # Pieces are called too small if there are more than FEW_PIECES pieces with fewer than SMALL_PIECE faces on
 # average. The level of the verdict does not depend on this limit.

@@ -141,9 +141,7 @@ class _Run:
             output.check_folder(options.save)
         drawing.check_device()  # without a device, only tasks without renderings are tried
         if not limits.limits_memory:
-            output.note(
-                "warning: --memory has no effect on this system; only the option --seconds limits the libraries"
-            )
+            output.note("warning: --memory has no effect on this system; only --seconds limits the libraries")
         self.printed = False
 
     def try_path(self, path: Path, _alone: bool) -> tuple[dict[str, Any], int]:

@@ -286,7 +286,7 @@ def _save_picture(
 def _compare_tier(original: Images | str, repaired: Images | str) -> TierLikeness:
     """Compare the images of two assets on a tier.
 
-    The value is a text if images are missing. The text gives the reason.
+    If images are missing, the argument is a text with the reason.
     """
     if isinstance(original, str) or isinstance(repaired, str):
         return TierLikeness(why=original if isinstance(original, str) else str(repaired))

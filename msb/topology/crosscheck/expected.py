@@ -167,7 +167,7 @@ def expect_pymeshlab(facts: Facts) -> list[Expected]:
     ours, endpoints = facts.counts.nonmanifold_vertices, facts.counts.nonmanifold_edge_endpoints
     faces = facts.analysis.mesh.faces
     vague = len(np.unique(faces[facts.analysis.mesh.repeated_index]))
-    # PyMeshLab's count is wrong at the corners of repeated-index faces, and reliable at other vertices.
+    # PyMeshLab's count may be wrong at the corners of repeated-index faces. The count is reliable elsewhere.
     quirk = f"; its result is arbitrary for the {vague} vertices of {facts.rows}" if vague else ""
     crowded = facts.same("nonmanifold_edges", "non_two_manifold_edges (first call)", "crowded_by_rows")
     again = "it may count an edge again for each such row at it" if facts.repeated else ""

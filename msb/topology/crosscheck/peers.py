@@ -3,8 +3,7 @@
 Every function takes a mesh with at least one face and valid indices. The function returns the peer's answers
 under the names that `expected.py` uses. `ask_peers` runs the functions in separate processes, because peers
 print, hang or crash on some faulty meshes. The tested versions are libigl 2.6.3, PyMeshLab 2025.7.post1,
-manifold3d
-3.5.4, trimesh 5.2.0, NetworkX 3.6.1 and usd-validation-nvidia 1.22.0 with usd-core 26.8.
+manifold3d 3.5.4, trimesh 5.2.0, NetworkX 3.6.1 and usd-validation-nvidia 1.22.0 with usd-core 26.8.
 """
 
 import math

@@ -82,7 +82,10 @@ def with_faces(
     *,
     lost: NDArray[np.bool_] | None = None,
 ) -> Change:
-    """Return a change that keeps the faces `keep` (F,), and removes vertices that no kept face uses."""
+    """Return a change that keeps the faces `keep` (F,), and removes vertices that no kept face uses.
+
+    The mask `lost` (V,) marks unused vertices that the change removes as well.
+    """
     if keep.all() and lost is None:
         return unchanged(faces, vertex_count)
     lost = np.zeros(vertex_count, bool) if lost is None else lost.copy()

@@ -18,9 +18,9 @@ _ROUNDS = 64
 def drop(points: NDArray[Any], faces: NDArray[Any], *, weights: NDArray[Any] | None = None) -> Change:
     """Remove faces at edges with more than two faces.
 
-    After the removal, copy the vertices where surfaces only touch. Faces with the largest number of such
-    edges are removed first. If two faces have equal numbers of such edges, the face with the smaller weight
-    is removed first. The default weight of a face is its area. The choice is greedy, because finding the
+    After the removal, copy the vertices where surfaces only touch. Faces at the largest number of
+    edges with more than two faces are removed first. Among faces with equal numbers of such edges, the face
+    with the smallest weight (F,) is removed first. The default weight of a face is its area. The choice is greedy, because finding the
     smallest set of faces is NP-hard (the problem contains hypergraph matching). Afterwards, removed faces are
     restored as long as no edge gets a third face. Each round removes many faces that do not share edges of
     three or more faces. The step takes few rounds, and each round takes O(F log F) time. Copies of vertices
@@ -97,9 +97,7 @@ def _take_first_in_line(
     face: NDArray[Any], edge: NDArray[Any], line: NDArray[Any], face_count: int, room: NDArray[Any]
 ) -> NDArray[Any]:
     """At each edge, select the first ``room[edge]`` faces in the order of `line`. Return the selected pairs
-    (face, edge).
-
-    """
+    (face, edge)."""
     place = np.zeros(face_count, np.int64)
     place[line] = np.arange(len(line))
     order = np.lexsort((place[face], edge))

@@ -25,7 +25,7 @@ from msb.topology.steps.change import Change, followed_by, unchanged
 from msb.topology.steps.cut import split_vertices
 from msb.topology.steps.sides import Sides, find_sides, find_sides_of_faces
 
-# If the search visits more states than this, it drops every second start, to limit time and memory.
+# If the search visits more states than this, the search drops every second start, to limit time and memory.
 _VISITS = 500_000
 
 

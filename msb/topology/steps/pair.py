@@ -37,11 +37,12 @@ def pair(
     1. Two faces at an edge have the joining cost (1 + cos a) / 2, where a is the angle between the faces. The
        cost is 0 for flat faces and 1 for folded faces. A colour difference adds `color_weight` times the
        distance of the colours, which is 1 for black and white. At each edge with more than two faces, the
-       cheapest pair of faces is joined first, then the cheapest pair of the remaining faces. Joining must not
-       prevent a consistent winding. Therefore the step keeps a minimum spanning forest of the pairs between
-       parts of the surface. Other pairs are kept if they agree with the winding of this forest.
+       cheapest pair of faces is joined first, then the cheapest pair of the remaining faces.
+    2. Joining must not prevent a consistent winding. Therefore the step keeps a minimum spanning forest of
+       the pairs between parts of the surface. Other pairs are kept if they agree with the winding of this
+       forest.
     3. Fans may connect two pairs of faces at both ends of an edge. Four faces would then still share the
-    edge, so the two pairs are separated. One pass is enough, because separating a pair never joins fans.
+       edge, so the two pairs are separated. One pass is enough, because separating a pair never joins fans.
 
     The step takes O(F log F) time. A manifold mesh does not change.
     """
