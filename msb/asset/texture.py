@@ -252,8 +252,8 @@ def sample(
 ) -> NDArray[np.float32]:
     """Return linear light and alpha (N, 4) of a texture with mip `levels` at `uvs` (N, 2).
 
-    `lod` (N,) is log2 of the number of texels per pixel in level 0. A missing, zero or negative
-    `lod` selects level 0. If `lod` lies between two levels, both levels are blended.
+    `lod` (N,) is log2 of the number of texels per pixel in level 0. A missing, zero or negative `lod` selects
+    level 0. If `lod` lies between two levels, both levels are blended.
     """
     if lod is None or not sampler.mipmaps or len(levels) == 1:
         return _sample_level(levels[0], uvs, sampler)

@@ -26,16 +26,15 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 # Distances in cells. A cell has the largest vote, 1, if its distance in front of a surface is at least
-# `REACH`. A view does not vote on cells that are farther than `BEHIND` behind the visible surface.
-# `BEHIND` is smaller than `REACH`, because two views from opposite sides of a thin sheet give opposite votes.
-# If both distances were equal, the votes would cancel, and thin leaves would vanish from the solid.
+# `REACH`. A view does not vote on cells that are farther than `BEHIND` behind the visible surface. `BEHIND`
+# is smaller than `REACH`, because two views from opposite sides of a thin sheet give opposite votes. If both
+# distances were equal, the votes would cancel, and thin leaves would vanish from the solid.
 REACH, BEHIND = 3.0, 1.5
 # The surface is moved outwards by this number of cells, so that thin sheets and stems become solids that the
 # grid can resolve. `pull_in` moves the surface back where the solid is thick.
 THICKNESS = 1.0
 # Number of views that see a cell, divided by the number of views that do not see the cell. A cell with a
-# smaller ratio counts as solid. The few views that see the cell probably look through a hole in
-# the soup.
+# smaller ratio counts as solid. The few views that see the cell probably look through a hole in the soup.
 MIN_SEEN_RATIO = 0.05
 # Number of steps of `pull_in`. Each step interpolates the grid once.
 _PULL_STEPS = 5
@@ -239,8 +238,8 @@ def pull_in(points: Floats, values: Singles, grid: Grid) -> Floats:
 def _fill_unknown(values: Singles, known: Mask) -> None:
     """Fill the unknown cells of votes (nx, ny, nz) in place.
 
-    Each unknown cell lies in blocks with sides of 2, 4, 8, ... cells. Use the smallest block with
-    known cells, and copy its smoothed average to the unknown cell.
+    Each unknown cell lies in blocks with sides of 2, 4, 8, ... cells. Use the smallest block with known
+    cells, and copy its smoothed average to the unknown cell.
     """
     from scipy.ndimage import uniform_filter
 

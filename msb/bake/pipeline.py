@@ -145,8 +145,8 @@ class BakePipeline:
 
         Larger images show the borders of faces more precisely, so the training images are larger than small
         views. Use the scale 1 if no face moves, no texture is fitted, and the faces cover enough pixels.
-        Images at scale 1 are rendered in a quarter of the time. For Gaussians, the scale is always 1. Renderers
-        widen Gaussians by a part of a pixel, so Gaussians would be thinner in larger images.
+        Images at scale 1 are rendered in a quarter of the time. For Gaussians, the scale is always 1.
+        Renderers widen Gaussians by a part of a pixel, so Gaussians would be thinner in larger images.
         """
         if self._is_splat:
             return 1

@@ -68,8 +68,8 @@ class SupervisedRenderer(StandardRenderer):
         return camera.width * camera.height
 
     def _draw_view(self, number: int) -> tuple[dict[str, Buffer], Buffer, int]:
-        """Queue a rendering. Return the renderer's buffers, the camera's kernel values,
-        and the number of pixels."""
+        """Queue a rendering. Return the renderer's buffers, the camera's kernel values, and the number of
+        pixels."""
         camera = self.images.cameras[number].in_units()
         if number not in self._views:
             self._views[number] = self._device.upload(view_record(camera), "bake views")
@@ -193,10 +193,10 @@ class SoupRenderer(SupervisedRenderer):
         """For each stored view and each proposal, return the increase of the squared error that the proposal
         causes.
 
-        `owner` (F,) is the index of each face's proposal, or -1. A change of a pixel is assigned
-        to two proposals: the proposal of its face before the change, and the proposal of its face after the
-        change. If the two proposals differ, each proposal gets one half. The result (views, proposals) is in
-        squared differences of colours in [0, 1], summed over channels and pixels.
+        `owner` (F,) is the index of each face's proposal, or -1. A change of a pixel is assigned to two
+        proposals: the proposal of its face before the change, and the proposal of its face after the change.
+        If the two proposals differ, each proposal gets one half. The result (views, proposals) is in squared
+        differences of colours in [0, 1], summed over channels and pixels.
         """
         views = len(self._numbers)
         owners = self._scratch("owner", self._count, np.int32)

@@ -2,8 +2,8 @@
 
 A pixel on one mip level shows four neighbouring texels. A pixel between two levels shows four texels of each
 level. A texel is therefore only coupled to eight neighbours in its level. A texel of a smaller mip level is
-the average of four texels of the next larger level. The memory is therefore proportional to the
-number of texels, not pixels.
+the average of four texels of the next larger level. The memory is therefore proportional to the number of
+texels, not pixels.
 """
 
 from __future__ import annotations

@@ -103,8 +103,8 @@ def choose_style(
 ) -> tuple[Style, str | None]:
     """Return the output style for writing `mesh` to `target`.
 
-    Also return a text about the measured image quality (web only). `mesh` is the mesh of `asset`, or
-    the mesh of a mesh file. The options are the same as in `save`.
+    Also return a text about the measured image quality (web only). `mesh` is the mesh of `asset`, or the mesh
+    of a mesh file. The options are the same as in `save`.
 
     Raises
     ------

@@ -27,8 +27,8 @@ from msb.meshes.writing import as_local
 
 _MESHOPT, _QUANTIZATION = "EXT_meshopt_compression", "KHR_mesh_quantization"
 # Finest precision of positions, in quarters of a bit. Mantissas of 24 bits cannot represent the coordinates
-# of a finer grid. The second limit is for a grid step that varies by
-# distance. The second limit is 3 bits lower, because such a grid is up to 3 bits finer in places.
+# of a finer grid. The second limit is for a grid step that varies by distance. The second limit is 3 bits
+# lower, because such a grid is up to 3 bits finer in places.
 _FINEST, _FINEST_BY_DISTANCE = 88, 76
 # Finest and coarsest grid step if the step varies by distance. The values are binary logarithms of the ratio
 # to the step at the median distance: -3 is 8 times finer, and 5 is 32 times coarser.

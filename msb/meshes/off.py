@@ -140,8 +140,8 @@ def _read_header(text: Source) -> _Header:
 
 
 def _read_keyword(text: Source, content: bytes) -> tuple[frozenset[str], bytes]:
-    """Return the prefixes in the keyword of the first line, such as "C" in COFF. Also return the text after the
-    keyword."""
+    """Return the prefixes in the keyword of the first line, such as "C" in COFF. Also return the text after
+    the keyword."""
     keyword = _KEYWORD.fullmatch(content)
     if keyword is None:
         raise text.not_a("OFF", "the first word is not OFF, COFF, NOFF or STOFF")

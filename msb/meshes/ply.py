@@ -77,8 +77,7 @@ def read(source: Source) -> Mesh:
 def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
     """Write binary little-endian PLY. Vertices and colours keep their number types.
 
-    Indices are `int`, which every reader supports. If there are too many vertices, indices are
-    `uint`.
+    Indices are `int`, which every reader supports. If there are too many vertices, indices are `uint`.
     """
     coordinate = "double" if mesh.vertices.dtype == np.float64 else "float"
     index = "int" if len(mesh.vertices) <= _MAX_INT else "uint"

@@ -15,8 +15,8 @@ from msb.meshes.formats import Style
 from msb.meshes.image_files import describe_counts, encode_images, is_single_texel
 from msb.meshes.mesh import Mesh
 
-# Largest number of materials with a uniform colour for the faces of one texture. If there are
-# more colours, faces without an image use `displayColor`. Faces with an image then use their average colour.
+# Largest number of materials with a uniform colour for the faces of one texture. If there are more colours,
+# faces without an image use `displayColor`. Faces with an image then use their average colour.
 _MAX_COLORS = 64
 WHITE = (1.0, 1.0, 1.0)
 

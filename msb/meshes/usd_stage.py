@@ -369,8 +369,7 @@ def _combine(
 def _spread(values: Values, part: _PrimArrays, faces: Any) -> NDArray[Any]:
     """Return the values (n, 3, width) at the corners of the triangles `faces` (n,) of a part.
 
-    Corners with an invalid index get an arbitrary value. Constant values have a single row and
-    column.
+    Corners with an invalid index get an arbitrary value. Constant values have a single row and column.
     """
     domain, rows = values
     width = rows.shape[1]

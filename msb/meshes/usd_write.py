@@ -91,8 +91,7 @@ def _add_mesh(stage: Any, path: str, mesh: Mesh) -> Any:
     prim.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(mesh.faces), 3, np.int32)))
     prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.faces.astype(np.int32).reshape(-1)))
     prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    # Without subdivision, readers expect normals. With face normals, the surface is rendered
-    # flat-shaded.
+    # Without subdivision, readers expect normals. With face normals, the surface is rendered flat-shaded.
     normals, domain = mesh.corner_normals, UsdGeom.Tokens.faceVarying
     if normals is None:
         normals, domain = _compute_normals(mesh), UsdGeom.Tokens.uniform

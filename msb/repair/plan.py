@@ -127,8 +127,7 @@ def parse_plan(plan: Sequence[str] | str | None = None, **options: Any) -> Optio
 
 
 def _parse_number(name: str, text: str) -> float | str:
-    """Return the value of the option `name` in a plan as a number. Only the step weld accepts a
-    text."""
+    """Return the value of the option `name` in a plan as a number. Only the step weld accepts a text."""
     if name == "weld":
         return text
     try:

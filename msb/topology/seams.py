@@ -38,8 +38,7 @@ _COINCIDING = 0.5
 _FOLDED = -0.999999
 
 # Largest rounding difference of two vertices, relative to the largest coordinate. The value is four units in
-# the last place of float32. The second value limits the difference relative to
-# the size of the mesh.
+# the last place of float32. The second value limits the difference relative to the size of the mesh.
 _ROUNDING, _MOST_ROUNDING = 2.0**-21, 1e-5
 
 # If a mesh has at most this number of faces, the audit tests an exact weld even without --weld. Testing an
@@ -252,8 +251,8 @@ def _find_torn_edges(
     )
     group = group.reshape(-1)
     other = first[group]
-    # `differs[e]` is true if other attributes differ. `by_key[e]` is true if the two edges differ only
-    # in their seam keys.
+    # `differs[e]` is true if other attributes differ. `by_key[e]` is true if the two edges differ only in
+    # their seam keys.
     differs, by_key = np.zeros(len(edges), bool), np.zeros(len(edges), bool)
     for name, values in corner_values.items():
         unequal = (values[corner] != values[corner[other]]).any(axis=(1, 2))

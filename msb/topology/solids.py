@@ -15,8 +15,8 @@ from msb.topology.weld import find_coincident_vertices
 # per face on one core. Long, thin faces have more pairs to test, at 0.7 us per pair. The number of tested
 # pairs is therefore limited as well.
 MOST_FACES, MOST_PAIRS = 200_000, 1 << 23
-# A body is flat if its volume, relative to the cubed diagonal of its bounding box, is below this limit.
-# For a cube, this ratio is 0.19.
+# A body is flat if its volume, relative to the cubed diagonal of its bounding box, is below this limit. For a
+# cube, this ratio is 0.19.
 _FLAT = 1e-9
 
 

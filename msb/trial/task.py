@@ -60,8 +60,8 @@ class Attempt:
 class AttemptResult:
     """The result of an attempt: its output, or the reason of its failure.
 
-    The field `ended_by` is the reason why the process was stopped, or None. The field `seconds` is
-    the time of the library, or None if the library did not run.
+    The field `ended_by` is the reason why the process was stopped, or None. The field `seconds` is the time
+    of the library, or None if the library did not run.
     """
 
     output: Output | None

@@ -113,8 +113,8 @@ def _find_rims(analysis: Analysis) -> _RimEdges:
     halfedge = mesh.edge_halfedges[mesh.edge_offsets[boundary.edges]]
     after = next_in_face(halfedge)
     leaves, enters = fans.corner_fan[halfedge], fans.corner_fan[after]
-    # `begins_at` contains the boundary edge that leaves each fan. An edge that enters a fan
-    # is followed by the edge that leaves the fan.
+    # `begins_at` contains the boundary edge that leaves each fan. An edge that enters a fan is followed by
+    # the edge that leaves the fan.
     begins_at = np.full(len(fans.fan_vertex), NONE, np.intp)
     begins_at[leaves] = np.arange(len(halfedge))
     follows = begins_at[enters]

@@ -24,8 +24,8 @@ def cut(faces: NDArray[Any], vertex_count: int) -> Change:
 def split_vertices(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any]) -> Change:
     """Separate all faces, except at the given pairs of half-edges. Return the change.
 
-    The first group of corners at a vertex keeps the vertex index. Each further group of corners gets a
-    copy of the vertex. Faces with a repeated index keep their vertices.
+    The first group of corners at a vertex keeps the vertex index. Each further group of corners gets a copy
+    of the vertex. Faces with a repeated index keep their vertices.
     """
     faces = mesh.faces
     count, group = group_corners(mesh, first, second)

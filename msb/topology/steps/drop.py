@@ -18,13 +18,13 @@ _ROUNDS = 64
 def drop(points: NDArray[Any], faces: NDArray[Any], *, weights: NDArray[Any] | None = None) -> Change:
     """Remove faces at edges with more than two faces.
 
-    After the removal, copy the vertices where surfaces only touch. Faces at the largest number of
-    edges with more than two faces are removed first. Among faces with equal numbers of such edges, the face
-    with the smallest weight (F,) is removed first. The default weight of a face is its area. The choice is greedy, because finding the
-    smallest set of faces is NP-hard (the problem contains hypergraph matching). Afterwards, removed faces are
-    restored as long as no edge gets a third face. Each round removes many faces that do not share edges of
-    three or more faces. The step takes few rounds, and each round takes O(F log F) time. Copies of vertices
-    come last.
+    After the removal, copy the vertices where surfaces only touch. Faces at the largest number of edges with
+    more than two faces are removed first. Among faces with equal numbers of such edges, the face with the
+    smallest weight (F,) is removed first. The default weight of a face is its area. The choice is greedy,
+    because finding the smallest set of faces is NP-hard (the problem contains hypergraph matching).
+    Afterwards, removed faces are restored as long as no edge gets a third face. Each round removes many faces
+    that do not share edges of three or more faces. The step takes few rounds, and each round takes O(F log F)
+    time. Copies of vertices come last.
     """
     mesh = build_half_edges(faces, len(points))
     weight = face_areas(points, faces)[0] if weights is None else np.asarray(weights, np.float64)

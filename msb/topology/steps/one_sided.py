@@ -58,8 +58,8 @@ def _find_loops_to_cut(
 ) -> list[NDArray[Any]]:
     """Return the shortest necessary loops of each one-sided component.
 
-    A loop is an array of two-face edges. The arguments `first` and `second` are the half-edges (E2,)
-    of the two-face edges.
+    A loop is an array of two-face edges. The arguments `first` and `second` are the half-edges (E2,) of the
+    two-face edges.
     """
     differ = mesh.origin[first] == mesh.origin[second]
     face, beyond = face_of(first), face_of(second)
@@ -125,8 +125,8 @@ class _Level:
     of steps.
 
     A search state combines three values in one number: the start, the node, and the parity of the number of
-    odd steps so far. The field `before` is the index of the previous state in the previous level. The
-    field `step` is the step from the previous state to this state.
+    odd steps so far. The field `before` is the index of the previous state in the previous level. The field
+    `step` is the step from the previous state to this state.
     """
 
     place: NDArray[np.int64]

@@ -17,9 +17,9 @@ from msb.trial.renderings import Renderings, random_colors
 from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, format_count, grade
 from msb.trial.tasks.decimate import decimate_with_pymeshlab, draw_side_by_side
 
-# Limits for "works" and for "works with limitations": distance from the visible surface to the shape.
-# The limit applies to the 95 % quantile of the distances on the surface. The unit of distance is the
-# bounding-box diagonal.
+# Limits for "works" and for "works with limitations": distance from the visible surface to the shape. The
+# limit applies to the 95 % quantile of the distances on the surface. The unit of distance is the bounding-box
+# diagonal.
 NEAR, FAR = 0.02, 0.05
 # Limits for "works" and for "works with limitations": fraction of the shape that protrudes. A part of the
 # shape protrudes if a camera can see empty space at its place.

@@ -87,8 +87,8 @@ def _measure_lone_share(mesh: HalfEdgeMesh) -> float:
 def cut_apart(faces: NDArray[Any], vertex_count: int) -> tuple[NDArray[np.int64], NDArray[Any]]:
     """Return the faces (F, 3) after cutting edges. Consistently wound edges of two faces are not cut.
 
-    In the result, each vertex has a single fan of faces. The second result (W,) contains the old
-    vertex of each new vertex.
+    In the result, each vertex has a single fan of faces. The second result (W,) contains the old vertex of
+    each new vertex.
     """
     mesh = build_half_edges(faces, vertex_count)
     change = split_vertices(mesh, *find_agreeing_halfedges(mesh))

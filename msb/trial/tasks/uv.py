@@ -74,8 +74,8 @@ def measure_stretch(vertices: NDArray[Any], faces: NDArray[np.int64], uv: NDArra
     A map without distortion has the stretch 1. Return None for a mesh without area. Sander et al., "Texture
     Mapping Progressive Meshes", 2001, section 3, define the L2 stretch. The stretch is the root mean square
     of the singular values of the map from the texture to the surface. The mean is weighted by surface area.
-    The map is first scaled to the area of the surface. Faces without area on the surface or
-    in the texture are ignored.
+    The map is first scaled to the area of the surface. Faces without area on the surface or in the texture
+    are ignored.
     """
     # Compute two edges (F, 3) of each face on the surface, and the same edges (F, 2) in the texture.
     corners, mapped = (values[faces].astype(np.float64) for values in (vertices, uv))
