@@ -38,7 +38,7 @@ class Asset:
         Read-only arrays of the declared shape and dtype. In a loaded asset, buffers are views of the
         memory-mapped file.
     path : Path or None
-        The `.triasset` of the buffers; None if the asset was built in memory.
+        The `.triasset` of the buffers. The value is None if the asset was built in memory.
     warnings : tuple of Finding
         Problems that `load` reported as warnings.
     opened_from : Path or None
@@ -84,7 +84,7 @@ class Asset:
 
     @property
     def faces(self) -> NDArray[np.int64]:
-        """The 0-based vertex numbers (F, 3) of all stored faces as a new array."""
+        """The vertex indices (F, 3) of all stored faces as a new array. Indices start at 0."""
         return self.buffers["indices"].astype(np.int64)
 
     @property

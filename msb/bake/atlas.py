@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 # Texture cells of a triangle soup.
 #
 # Number of smaller mip levels in which no texel mixes the colours of two faces. A second level doubles the
-# margins around the faces. With two smaller mip levels, the faces may not fit. One level is then used, namely
-# if the side lengths would shrink below `_MIN_SCALE` of the requested lengths.
+# margins around the faces. With two smaller mip levels, the faces may not fit. If two levels would shrink the
+# sides of the faces below `_MIN_SCALE` of the requested lengths, only one level is used.
 MIP_LEVELS = (2, 1)
 _MIN_SCALE = 0.7
 # Both legs of a face are shortened by this number of texels. Rounding to float32 then cannot move a corner
@@ -309,8 +309,8 @@ def _cut_charts(vertices: Singles, faces: NDArray[np.uint32]) -> tuple[Floats, I
         places.append(uv.astype(np.float64) * (cut.width, cut.height))
         charts.append(np.asarray(cut.get_mesh_vertex_assignment(number)[1]).astype(np.int64))
     chart = np.concatenate(charts)
-    # xatlas leaves faces without an area in no chart. xatlas gives these faces a huge chart number. Any chart
-    # is suitable, because faces without an area are invisible.
+    # xatlas puts faces without an area in no chart, and gives the faces a huge chart number. Any chart is
+    # suitable, because faces without an area are invisible.
     chart[chart >= cut.chart_count] = 0
     return np.concatenate(places), joined, chart
 

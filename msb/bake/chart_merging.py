@@ -19,12 +19,12 @@ from msb.topology.faces import face_vectors
 
 # Charts with fewer faces than this are merged into larger charts.
 MIN_CHART_FACES = 50
-# The chart may already contain the vertex of an unfolded corner at a nearby place. The corner moves to this
-# place if the distance, relative to the length of the shared edge, is below this limit. Otherwise, the edge
-# of the face becomes a texture seam.
+# A chart may already contain the vertex of an unfolded corner, at a slightly different place. The corner
+# moves to this place if the distance, relative to the length of the shared edge, is below this limit. If the
+# distance is larger, the edge of the face becomes a texture seam.
 _SNAP = 0.3
-# Heights to try for an unfolded face above the shared edge, relative to the true height of the face. The
-# smallest heights are for a spike of the surface, whose face must fit into a narrow gap of the chart.
+# Heights to try for an unfolded face above the shared edge, relative to the true height of the face. A spike
+# of the surface makes a narrow gap in the chart. The smallest heights let a face fit into such a gap.
 _HEIGHTS = (1.0, 0.8, 0.6, 0.3, 0.1)
 # For overlap tests, each face is scaled about its centre by this factor. Two faces with a shared edge then do
 # not overlap.
@@ -35,7 +35,7 @@ _STRETCH = 0.05, 2.0
 
 
 def merge_small_charts(points: Floats, faces: Ints, plane: Floats, chart: Ints) -> tuple[Floats, Ints]:
-    """Return the places (F, 3, 2) of the corners in their charts and the chart (F,) of each face.
+    """For each corner (F, 3, 2), return the place in its chart. For each face (F,), return the chart.
 
     Parameters
     ----------

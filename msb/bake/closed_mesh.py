@@ -106,7 +106,7 @@ def select_visible_parts(points: Floats, faces: Ints, pixels: Ints, least: float
 def drop_unused_points(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
     """Return the points that faces use, in their previous order.
 
-    Also return the faces with the new point numbers.
+    Also return the faces with the new point indices.
     """
     used = np.zeros(len(points), bool)
     used[faces] = True

@@ -45,7 +45,7 @@ _NEAR = PROTRUSION / 2
 
 # Parameters of the enclosure of an open mesh.
 #
-# Number of pixels of the largest depth map. With larger depth maps the enclosure would reach into every
+# Number of pixels of the largest depth map. With larger depth maps, the enclosure would reach into every
 # crack.
 PIXELS = 1 << 16
 # Number of grid cells along the longest side, for an object and for a scene. `_MARGIN` is the margin around
@@ -63,7 +63,7 @@ _FRONT_SHARE, _SHEET_THICKNESS = 0.45, 0.02
 # A surface is first simplified to this multiple of its face budget, then to the budget. Simplification in a
 # single step would give a far worse shape.
 _FIRST_STEP_FACTOR = 8
-# Largest number of hulls of surface patches. The number limits the time to cut the patches.
+# Largest number of hulls of surface patches. This limit on the number of hulls saves time.
 _MAX_HULLS = 256
 # A convex part covers all points within this distance.
 _TOUCH_DISTANCE = 1e-3
@@ -223,7 +223,7 @@ def _make_patch_hulls(surface: PointsAndFaces, count: int) -> list[PointsAndFace
 def _find_visible(
     mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None
 ) -> tuple[Floats, Space | None]:
-    """Return the world points (n, 3) that cameras see, without the sky, and their `Space`.
+    """Return the visible world points (n, 3) without the sky. Also return the `Space` of these points.
 
     The space is None if no point is visible.
     """
@@ -294,7 +294,7 @@ def _reduce(solid: PointsAndFaces, count: int) -> PointsAndFaces:
     finer = simplify(*solid, _FIRST_STEP_FACTOR * count)
     reduced = simplify(*finer, count)
     # If the library cannot reach the requested count, the library removes whole sides. In that case, allow
-    # twice the number of faces.
+    # twice as many faces.
     while count < len(reduced[1]) < len(finer[1]):
         if measure_distances(sample_surface(*finer)[0], *reduced).mean() <= PROTRUSION:
             break

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
     WriteFile = Callable[[BinaryIO], object]
 
-# The additional files of a textured mesh do not depend on the mesh. This smallest textured mesh serves to
-# list the files.
+# The smallest textured mesh. It needs the same additional files as any textured mesh.
 _SMALLEST_TEXTURED = Mesh(
     np.zeros((3, 3), np.float32),
     np.arange(3)[None],

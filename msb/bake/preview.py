@@ -42,7 +42,8 @@ class Preview:
     cameras: tuple[Camera, ...]
 
     def moved_back(self, origin: Origin) -> Preview:
-        """Return the preview with its cameras, which are relative to `origin`, in scene coordinates."""
+        """Return the preview with its cameras in scene coordinates. The given cameras are relative to
+        `origin`."""
         to_scene = -np.asarray(origin)
         return replace(self, cameras=tuple(camera.relative_to(to_scene) for camera in self.cameras))
 

@@ -23,8 +23,8 @@ def measure_quality(
 ) -> tuple[Psnr | None, Psnr | None]:
     """Return the PSNR of a baked asset on the test views, compared with native renderings and photographs.
 
-    Both results are None without test views. Both results are also None if the model covers too few pixels.
-    The PSNR to photographs is None without a scene.
+    The PSNR is None without test views. The PSNR is also None if the model covers too few pixels. The PSNR to
+    photographs is None without a scene.
     """
     test = views.test
     if not test or views.why_not_judged is not None:

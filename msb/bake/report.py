@@ -118,7 +118,7 @@ class LodReport:
 
 @dataclass(frozen=True)
 class CollisionReport:
-    """A collision shape, with the numbers of `msb.bake.collision.Collision`."""
+    """The report on a collision shape, with the fields of `msb.bake.collision.Collision`."""
 
     kind: str
     faces: int
@@ -216,8 +216,8 @@ class Report:
         PSNR in dB to the photographs of the validation views, with 16 samples per pixel. The keys "native"
         and "photographs" name the supervision. Empty for a single supervision.
     tried : dict of str to float
-        PSNR in dB of each candidate geometry on the validation views, with 16 samples per pixel. Empty for a
-        single candidate.
+        PSNR in dB of each candidate geometry on the validation views, with 16 samples per pixel. The mapping
+        is empty if only one candidate was made.
     notes : tuple of str
         Notes for the user.
     lods : tuple of LodReport

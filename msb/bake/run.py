@@ -122,8 +122,8 @@ def bake(
     asset : Asset or path-like
         The model, or any path that `msb.open` accepts. The asset is not changed.
     scene : Scene or path-like, optional
-        The scene that the model was trained on. Its training views supervise; its test views are only used
-        for the report.
+        The scene that the model was trained on. The training views of the scene supervise. The test views are
+        only used for the report.
     cameras : iterable of Camera, optional
         Views to use instead of a scene. Every 8th view is held out for the report. Default: the training
         cameras if their file lies beside the model, else 40 generated views around the model or inside it. If

@@ -113,8 +113,8 @@ class Space:
         return result
 
     def _stretch(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return two factors (n, 1) by which a length grows on its way to world coordinates. The constant
-        factor `radius` is left out.
+        """Return two factors (n, 1) that convert lengths to world coordinates, without the constant factor
+        `radius`.
 
         The first factor applies to lengths perpendicular to the direction to the centre. The second factor
         applies to lengths along this direction.
@@ -132,7 +132,8 @@ def _find_focus(cameras: Sequence[Camera], ahead: float) -> Floats | None:
 
     Return None if the point is less than `ahead` in front of a camera.
     """
-    # Solve by least squares: the matrix sums the projections perpendicular to each camera axis (3, 3).
+    # Solve a least-squares system. Its matrix (3, 3) is the sum of the projections perpendicular to each
+    # camera axis.
     at = np.stack([camera.center for camera in cameras])
     axes = np.stack([camera.world_to_camera[2, :3] for camera in cameras])
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]

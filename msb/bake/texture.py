@@ -169,7 +169,7 @@ def _draw_initial_texture(
     Texels between charts belong to the nearest chart and have its colour.
     """
     # Draw the faces in the plane of the texture, one texture tile after the other. The results are face
-    # numbers (S, S) and colours (S, S).
+    # indices (S, S) and colours (S, S).
     at = np.concatenate([uvs, np.ones((len(uvs), 1), np.float32)], axis=1)
     flat = Mesh(at, np.arange(len(colors)).reshape(-1, 3), colors)
     faces, texture = np.full((size, size), -1, np.int32), np.zeros((size, size, 3), np.uint8)

@@ -61,7 +61,7 @@ def move_vertices(
     assert soup.shared is not None
     faces, count = soup.shared, len(points)
     # `smooth` solves the system (I + SMOOTHING * Laplacian) x = b. The descent changes `variables`, which are
-    # the right side b. The solution x contains the points.
+    # the right side b. The solution x gives the points.
     bending = identity(count, format="csr") + SMOOTHING * color_fit.make_edge_laplacian(faces, count)
     smooth = splu(bending.tocsc()).solve
     good, variables = points, bending @ points

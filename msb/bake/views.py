@@ -33,13 +33,13 @@ RINGS = ((15.0, 18), (40.0, 14), (65.0, 8))
 # Rings of views from below the horizon. Views from below are only generated for mesh files. Training cameras
 # rarely look up from below, so the underside of a trained model is arbitrary.
 RING_BELOW = (-35.0, 12)
-# Rings of generated views for Gaussians, 48 views in all. One ring is below the horizon, because object
-# captures also contain such views. The model fills each of these generated views.
+# Rings of generated views for Gaussians, 48 views in all. One ring is below the horizon, because captures of
+# objects also contain such views. The model fills each of these generated views.
 SPLAT_RINGS = ((5.0, 16), (25.0, 14), (50.0, 10), (-12.0, 8))
 _SPLAT_PIXELS = 384 * 768
 # Background colours of generated views, for Gaussians without a recorded background.
 _GREYS: tuple[Color, Color] = ((0.3, 0.3, 0.3), (0.7, 0.7, 0.7))
-# Width and height of generated views in pixels. Small captures have about this image size.
+# Width and height of generated views in pixels.
 _GENERATED_SIZE = 480, 360
 # Number of pixels of the largest view. Larger views are scaled down to limit the time of a bake.
 MAX_PIXELS = 1 << 20
@@ -133,10 +133,10 @@ def choose_bake_views(
     Parameters
     ----------
     scene : Scene or path-like, optional
-        Its training views supervise, its test views are held out.
+        The training views of the scene supervise. The test views are held out.
     cameras : iterable of Camera, optional
-        Every 8th camera is held out. Every 8th training camera beside the model, or generated view, is held
-        out as well.
+        Every 8th camera is held out. If the views are training cameras or generated views, every 8th view is
+        held out as well.
     up : str, optional
         The up axis of generated views, such as "+z". Default: the up axis of the asset.
     background : (3,) floats, or str, optional

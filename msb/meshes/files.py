@@ -33,7 +33,7 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
     Parameters
     ----------
     path : str or Path
-        A regular file. Its suffix, in upper or lower case, selects the format.
+        A regular file. The suffix of the path, in upper or lower case, selects the format.
     images : bool
         Whether to decode texture images. If False, texture images are skipped. Texture coordinates are always
         read.

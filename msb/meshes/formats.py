@@ -50,7 +50,7 @@ class Style:
     Attributes
     ----------
     color : {"linear", "srgb"}, optional
-        The colour space of vertex colours; None is the default of the format.
+        The colour space of vertex colours. With None, the format's default is used.
     texture : {"png", "jpeg", "webp"}
         The image format of textures.
     web : Web, optional
@@ -99,8 +99,8 @@ class Format:
     read : callable
         A function from `Source` to `Mesh`. For invalid bytes the function raises only `MeshFileError`.
     write : callable, optional
-        A function that writes a mesh with valid coordinates and indices to a binary stream; None for a
-        read-only format.
+        A function that writes a mesh with valid coordinates and indices to a binary stream. The value is None
+        for a read-only format.
     begins : compiled pattern of bytes, optional
         The signature at the start of every file of this format. Files of other formats must not begin with
         this signature. The signature identifies files with a wrong suffix.

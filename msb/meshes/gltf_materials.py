@@ -34,7 +34,7 @@ _OTHERS = {
 class TextureUse:
     """The use of an image by a material.
 
-    The field `image` is the number of the image. The field `uv_set` is the number of the set of texture
+    The field `image` is the index of the image. The field `uv_set` is the index of the set of texture
     coordinates. The field `transform` (2, 3) is the matrix that is multiplied with (u, v, 1), or None for the
     identity.
     """

@@ -159,7 +159,7 @@ def _find_accessor(document: Document, number: Any) -> dict[str, Any]:
 
 
 def _list_views(document: Document, number: Any) -> set[int]:
-    """Return the numbers of the buffer views that accessor `number` uses."""
+    """Return the indices of the buffer views that accessor `number` uses."""
     entry = _find_accessor(document, number)
     sparse = entry.get("sparse")
     parts = [sparse.get("indices"), sparse.get("values")] if isinstance(sparse, dict) else []

@@ -193,7 +193,7 @@ def _hash_unread(primitive: Primitive, corners: NDArray[np.int64]) -> NDArray[np
     used[corners[(corners >= 0) & (corners < count)]] = True
     if primitive.mode == TRIANGLES and len(corners) == count and used.all():
         columns = [np.arange(count)]
-    # The key includes the number of the primitive, because primitives do not share vertices.
+    # The key includes the index of the primitive, because primitives do not share vertices.
     number = int(primitive.pointer.rpartition("/")[2])
     return hash_attributes([np.full(count, number), *columns])
 

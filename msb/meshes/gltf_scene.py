@@ -277,10 +277,9 @@ def _has_srgb_colors(document: Document) -> bool:
 def _combine_colors(part: PrimitiveArrays, cutoff: float | None, is_srgb: bool) -> NDArray[Any] | None:
     """Return the sRGB colours (V, 3 | 4) of a part, multiplied with the base factor.
 
-    Return None if all colours are white. The argument `cutoff` is the alpha cut-off of the mesh. A different
-    cut-off of the part is converted: alpha is multiplied with the ratio of the two cut-offs. Without a
-    cut-off of the part, alpha is set to 1. If `cutoff` is None, alpha is returned unchanged, and renderers
-    ignore it.
+    Return None if all colours are white. The argument `cutoff` is the alpha cut-off of the mesh. If the part
+    has a different cut-off, alpha is multiplied with the ratio of the two cut-offs. Without a cut-off of the
+    part, alpha is set to 1. If `cutoff` is None, alpha is returned unchanged, and renderers ignore it.
     """
     factor, part_cutoff = np.array(part.base.factor, np.float32), part.base.cutoff
     if cutoff is None or part_cutoff is None:

@@ -46,22 +46,24 @@ class Mesh:
         Texture coordinates per face corner, for formats that store them per corner. A mesh has either
         `corner_uvs` or `vertex_uvs`.
     vertex_keys, corner_keys : (V,), (3F,) uint32, optional
-        A hash of the attributes of each vertex or corner that are not read, such as normals and tangents
-        (`msb.base.seam_keys.hash_attributes`). Seam keys explain duplicated vertices, and are not written.
+        For each vertex or corner, a hash of the attributes that the reader ignores, such as normals and
+        tangents (`msb.base.seam_keys.hash_attributes`). Seam keys explain duplicated vertices, and are not
+        written.
     corner_normals : (3F, 3) float32, optional
         Unit normals per face corner, for writing only (`msb.meshes.normals`).
     textures : tuple of (H, W, 3) or (H, W, 4) uint8
         sRGB images. The images are multiplied with the colours in linear light.
     face_textures : (F,) uint32, optional
-        The texture number of each face; None if there are fewer than two textures.
+        The texture index of each face. The value is None if there are fewer than two textures.
     sampler : Sampler
         Filter, wrap modes and alpha cut-off of the textures.
     left_out : tuple of str
         Parts of the file that were not read, such as "normals", "UVs" or "2 textures".
     up : str, optional
-        The axis that points up, such as "+y"; None if unknown.
+        The axis that points up, such as "+y". The value is None if the axis is unknown.
     meters_per_unit : float, optional
-        The length of the file's unit in metres, by which the positions were multiplied; None if unknown.
+        The length of the file's unit in metres. The positions were multiplied by this length. The value is
+        None if the unit is unknown.
     frame : Frame, optional
         The precise up direction, the unit and the floor of the capture that the positions belong to. None if
         only `up` is known.
@@ -113,7 +115,7 @@ class Mesh:
     def select(self, vertices: Any, faces: Any, numbers: NDArray[np.int64]) -> Mesh:
         """Return the mesh with the selected vertices and faces, which are given as masks or row indices.
 
-        `numbers` (F', 3) becomes the new `faces`. These are indices of the selected vertices.
+        `numbers` (F', 3) becomes the new `faces`. The new faces contain indices of the selected vertices.
         """
         rows: dict[str, Any] = {"faces": numbers}
         by_face = ("face_colors", "face_textures")

@@ -27,7 +27,7 @@ class WrittenMaterial:
 
 
 def choose_materials(mesh: Mesh) -> tuple[Mesh, list[WrittenMaterial], NDArray[np.int64]]:
-    """Return `mesh` in the form for writing, its materials, and the number (F,) of each face's material.
+    """Return `mesh` in the form for writing, its materials, and the index (F,) of each face's material.
 
     A texture of a single opaque texel becomes a colour. If all faces of such a texture have one vertex
     colour, the material gets the product of both colours. The vertices then become white. Many programs

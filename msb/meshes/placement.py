@@ -43,7 +43,7 @@ class Placement:
         Units of the file per unit of the capture.
     offset : (3,) float64
     up : str, optional
-        The axis of the capture that points up; None if unknown.
+        The axis of the capture that points up. The value is None if the axis is unknown.
     frame : Frame, optional
         The known parts of the capture's frame.
     """

@@ -288,7 +288,7 @@ class _Ring:
         a, b, c = ((self.x[every, at], self.y[every, at]) for at in (before, corner, after))
         area = _area(a, b, c)
         is_ear = (area >= 0) & self.is_left[every, corner]
-        # Candidates (N,) are the corners in the bounding box of a triangle, with the numbers of their
+        # Candidates (N,) are the corners in the bounding box of a triangle, with the indices of their
         # polygons.
         is_near = self.is_left & is_ear[:, None]
         for values, axis in ((self.x, 0), (self.y, 1)):

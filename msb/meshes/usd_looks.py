@@ -28,9 +28,9 @@ class FaceGroup:
     Attributes
     ----------
     faces : (n,) int32
-        The numbers of the faces, in ascending order.
+        The indices of the faces, in ascending order.
     image : int, optional
-        The number of the texture.
+        The index of the texture.
     color : tuple of float, optional
         The colour of the faces in linear light. For faces with an image, the colour is a factor of the image.
         If the colour is None, the faces use `displayColor`.

@@ -48,8 +48,8 @@ class ImageUse:
 class Material:
     """The colour of a USD material.
 
-    If an image exists, the colour comes from the image. Otherwise, the colour is the uniform colour, or else
-    the primvar.
+    If an image exists, the colour comes from the image. Otherwise, the colour is the uniform colour. Without
+    a uniform colour, the colour is the primvar.
 
     Attributes
     ----------

@@ -84,7 +84,7 @@ class _Refused(Exception):
 class _Reader:
     """Reader for the mesh prims of a USD stage.
 
-    The field `images` has the numbers of the images, in the order of their use. The key None means faces
+    The field `images` maps each image to its index, in the order of their use. The key None means faces
     without an image. The field `textured` has the materials in use that have an image. The field `left_out`
     has the names of unread data.
     """

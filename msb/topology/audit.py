@@ -70,7 +70,7 @@ class Audit:
     Attributes
     ----------
     path, method : str or None
-        The file of the mesh, and the training method of the model; None for plain arrays.
+        The file of the mesh, and the training method of the model. Both values are None for plain arrays.
     topology : {"triangle_soup", "indexed_mesh"}
         "triangle_soup" if no vertex is used by two faces, determined from the face indices.
     is_soup : bool
@@ -89,7 +89,7 @@ class Audit:
         The cause of the seams: texture coordinates, colours, attributes that are not read (such as normals),
         or a format without shared vertices. The value is None for a mesh without seams.
     without_seams : Audit or None
-        The audit of the mesh with merged seams; None for a mesh without seams.
+        The audit of the mesh with merged seams. The value is None for a mesh without seams.
     closed_once_merged : bool
         Whether the mesh is open as stored, but closed, manifold and consistently wound after this weld.
         False if the mesh was not tested: with more than 200,000 faces, only a requested exact weld tests

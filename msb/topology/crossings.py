@@ -134,7 +134,7 @@ def _number_along_curve(points: NDArray[np.float64]) -> NDArray[np.uint64]:
     extent = max(float((points.max(axis=0) - origin).max()), np.finfo(np.float64).tiny)
     numbers = np.zeros(len(points), np.uint64)
     for axis in range(3):
-        # A coordinate has 21 bits. Its bits are spread to every third place of the result.
+        # A coordinate has 21 bits. The bits are spread to every third place of the result.
         bits = np.minimum((points[:, axis] - origin[axis]) / extent * (1 << 21), (1 << 21) - 1)
         spread = bits.astype(np.uint64)
         for shift, mask in _SPREAD:

@@ -25,7 +25,7 @@ class Explanation:
     name : str
         The key in the audit's JSON.
     symbol : str
-        The symbol in formulas; may be empty.
+        The symbol in formulas, which may be empty.
     title : str
         The quantity in plain words.
     formula : str
@@ -37,7 +37,7 @@ class Explanation:
     source : str
         Where the definition comes from: the section of the paper, or the reason for our decision.
     special : str
-        Values for empty, degenerate or damaged meshes; empty if no value is special.
+        Values for empty, degenerate or damaged meshes. The text is empty if no value is special.
     peers : mapping of str to str
         For each library, "agrees" or the exact difference.
     aliases : tuple of str

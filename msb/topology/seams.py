@@ -75,7 +75,7 @@ class Seams:
         return len(self.number) - len(self.first)
 
     def merged(self, faces: NDArray[Any]) -> NDArray[Any]:
-        """Return `faces` (F, 3) with merged vertex numbers, in the same integer type."""
+        """Return `faces` (F, 3) with merged vertex indices, in the same integer type."""
         return np.asarray(self.number.astype(faces.dtype)[faces])
 
 

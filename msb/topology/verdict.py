@@ -42,7 +42,7 @@ class Verdict:
     sentence : str
         The tasks that the mesh is usable for, and all faults, without a final full stop.
     reason : str
-        The gravest fault in a few words; empty for "ok".
+        The gravest fault in a few words. The text is empty for the level "ok".
     renders : bool
         Whether the mesh can be displayed. If not, the sentence mentions only this fault.
     plan : str

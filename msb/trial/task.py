@@ -47,7 +47,7 @@ class Attempt:
         exception, the attempt fails for this reason.
     any_unit : bool
         True if the result does not depend on the unit of length. The function then gets the mesh as stored.
-        Otherwise, inputs and outputs are in the unit of `msb.trial.attempts`.
+        Otherwise, the function's inputs and outputs are in the unit of `msb.trial.attempts`.
     """
 
     library: str
@@ -97,9 +97,9 @@ class Task:
         The libraries to try first, and the fallback libraries if all first libraries fail. Each attempt
         returns at most one mesh.
     judge : callable
-        A function that judges the outputs. Its arguments are the mesh, the outputs by library, and the
-        renderings. The function is called only if there is an output. If all attempts fail, the task fails.
-        If there are several outputs, the number "best" names the best library.
+        A function that judges the outputs. The arguments of the function are the mesh, the outputs by
+        library, and the renderings. The function is called only if there is an output. If all attempts fail,
+        the task fails. If there are several outputs, the number "best" names the best library.
     summarize : callable
         A function that turns the numbers into a short text for a table.
     powers : mapping of str to int

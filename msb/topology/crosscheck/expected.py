@@ -33,14 +33,15 @@ class Expected:
     ours, theirs : number, flag or None
         Our value, and the value that the peer's definition gives on this mesh.
     why : str
-        The difference between the definitions; empty if the definitions agree on this mesh.
+        The difference between the definitions. The text is empty if the definitions agree on this mesh.
     plus : int
         A number that is added to the peer's answer before comparing (in derived rows).
     slack : float
         Maximum accepted difference between the answer and `theirs`. The tolerance covers rounding of areas,
         or a documented quirk of the peer.
     unfit : str
-        Why the peer's answer is meaningless on this mesh; empty for a meaningful answer.
+        The reason why the peer's answer is meaningless on this mesh. The text is empty for a meaningful
+        answer.
     """
 
     quantity: str

@@ -18,13 +18,13 @@ _ROUNDS = 64
 def drop(points: NDArray[Any], faces: NDArray[Any], *, weights: NDArray[Any] | None = None) -> Change:
     """Remove faces at edges with more than two faces.
 
-    After the removal, copy the vertices where surfaces only touch. Faces at the largest number of edges with
-    more than two faces are removed first. Among faces with equal numbers of such edges, the face with the
-    smallest weight (F,) is removed first. The default weight of a face is its area. The choice is greedy,
-    because finding the smallest set of faces is NP-hard (the problem contains hypergraph matching).
-    Afterwards, removed faces are restored as long as no edge gets a third face. Each round removes many faces
-    that do not share edges of three or more faces. The step takes few rounds, and each round takes O(F log F)
-    time. Copies of vertices come last.
+    After the removal, copy the vertices where surfaces only touch. First remove the faces that touch the most
+    edges with more than two faces. Among faces with equal numbers of such edges, the face with the smallest
+    weight (F,) is removed first. The default weight of a face is its area. The choice is greedy, because
+    finding the smallest set of faces is NP-hard (the problem contains hypergraph matching). Afterwards,
+    removed faces are restored as long as no edge gets a third face. Each round removes many faces that do not
+    share edges of three or more faces. The step takes few rounds, and each round takes O(F log F) time.
+    Copies of vertices come last.
     """
     mesh = build_half_edges(faces, len(points))
     weight = face_areas(points, faces)[0] if weights is None else np.asarray(weights, np.float64)
@@ -53,7 +53,7 @@ def _remove(
         among = np.flatnonzero(score)
         order = np.lexsort((_scramble(among), weight[among], -score[among]))
         first = _take_first_in_line(face, edge, among[order], len(keep), count - 2)
-        # A face is removed only if all of its crowded edges list it among the first faces in `order`.
+        # A face is removed only if it is among the first faces in `order` at each of its crowded edges.
         going = np.bincount(face[first], minlength=len(keep))
         gone = np.flatnonzero((going > 0) & ((going == score) | (round_number >= _ROUNDS)))
         keep[gone] = False
