@@ -16,7 +16,7 @@ from msb.asset.manifest import DTYPES, Manifest
 from msb.asset.strict_json import parse_strict_json
 from msb.errors import AssetError, Finding, InputError, MsbError, finding
 
-# Codes of errors for a file of another kind, such as a ZIP file of torch.
+# Error codes that mean that the file is of another kind, such as a ZIP file of torch.
 _NO_ASSET = ("FILE_NOT_RECOGNISED", "TRIASSET_MANIFEST_MISSING", "TRIASSET_FORM")
 
 

@@ -58,7 +58,7 @@ class Sampler:
 
     @property
     def appearance(self) -> dict[str, Any]:
-        """The `appearance` in the manifest of an asset with this sampler."""
+        """The `appearance` in the manifest of an asset that uses this sampler."""
         return {"kind": KIND, **asdict(self)}
 
     @classmethod

@@ -113,8 +113,8 @@ def make_soup_atlas(corners: NDArray[Any], pixels: Floats, size: int) -> Singles
 
 
 def _pack(legs: Floats, blocks: int, block: int) -> tuple[float, _Cells, Ints | None]:
-    """Return the largest possible scale of the faces in the texture, their cells, and the places (C, 2) of
-    the cells.
+    """Find the largest possible scale of the faces. Return the scale, the cells, and the places (C, 2) of the
+    cells.
 
     The scale is at most 1. The places are None if no scale fits.
     """
@@ -288,7 +288,8 @@ def _merge_charts(arrays: Arrays, plane: Floats, faces: Ints, chart: Ints) -> tu
 
 
 def _cut_charts(vertices: Singles, faces: NDArray[np.uint32]) -> tuple[Floats, Ints, Ints]:
-    """Return flat charts: vertex coordinates (n, 2), faces (F, 3), and the chart (n,) of each vertex."""
+    """Return flat charts. A chart has vertex coordinates (n, 2) and faces (F, 3), and each vertex (n,) has
+    the index of its chart."""
     import xatlas
 
     cut = xatlas.Atlas()

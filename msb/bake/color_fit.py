@@ -137,7 +137,7 @@ def fit_mesh_colors(sums: FaceSums, faces: Ints, colors: Singles, laplacian: csr
     """
     import scipy.sparse as sparse
 
-    # Assemble the sparse matrix (V, V) from the products of each face, and the right sides (V, 3).
+    # Add up the products of all faces in a sparse matrix (V, V). The right sides have the shape (V, 3).
     count = len(colors)
     products, targets = split_sums(sums.sums)
     rows, columns = np.repeat(faces, 3, axis=1).reshape(-1), np.tile(faces, (1, 3)).reshape(-1)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 # Distances in cells. A cell has the largest vote, 1, if its distance in front of a surface is at least
 # `REACH`. A view does not vote on cells that are farther than `BEHIND` behind the visible surface. `BEHIND`
 # is smaller than `REACH`, because two views from opposite sides of a thin sheet give opposite votes. If both
-# distances were equal, the votes would cancel, and thin leaves would vanish from the solid.
+# distances were equal, the two votes would cancel, and thin leaves would vanish from the solid.
 REACH, BEHIND = 3.0, 1.5
 # The surface is moved outwards by this number of cells, so that thin sheets and stems become solids that the
 # grid can resolve. `pull_in` moves the surface back where the solid is thick.

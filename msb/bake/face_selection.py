@@ -1,9 +1,9 @@
 """Face selection of an opaque soup: hide or show many faces at once, and keep useful changes.
 
 A selection round hides some selected faces, shows some hidden faces, and renders a few views before and after
-the change. When a pixel changes, its error is assigned to the faces before and after the change
-(`SoupRenderer.measure_changes`). A change of the selection is kept if its gain over the views is
-statistically significant. Noise would otherwise decide about faces with few pixels.
+the change. If the colour of a pixel changes, the change of its error is assigned to the faces before and
+after the change (`SoupRenderer.measure_changes`). A change of the selection is kept if its gain over the
+views is statistically significant. Noise would otherwise decide about faces with few pixels.
 """
 
 import numpy as np

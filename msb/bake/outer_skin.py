@@ -101,7 +101,7 @@ def _find_farthest(corners: Floats, directions: Floats, faces: Ints) -> Floats:
     """
     from scipy.spatial import cKDTree
 
-    # Split faces that span a large angle, so that the new corners sample the faces.
+    # Split faces that span a large angle. The new corners then sample the faces densely enough.
     samples = [corners.reshape(-1, 3)]
     for _ in range(_MAX_ROUNDS):
         unit = corners / np.maximum(np.linalg.norm(corners, axis=2, keepdims=True), 1e-300)

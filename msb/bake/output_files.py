@@ -70,7 +70,7 @@ def list_output_files(paths: Sequence[Path], endings: Sequence[str] = ("",)) -> 
     UsageError
         USAGE: two outputs would write the same file.
     """
-    written: dict[Path, Path] = {}  # The output path that requires each file.
+    written: dict[Path, Path] = {}  # For each file, the output path that needs this file.
     for path in paths:
         suffix = output_suffix(path)
         for ending in endings:

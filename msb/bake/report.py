@@ -90,8 +90,8 @@ class LodReport:
     native_after_16 : float or None
         PSNR in dB to native renderings with 16 samples per pixel. The value is None without a test view.
     screen_share : float
-        Largest height of the model in an image, as a share of the image height, at which this level can be
-        used (`msb.bake.lods.measure_screen_share`).
+        This level can be used if the model covers at most this share of the image height
+        (`msb.bake.lods.measure_screen_share`).
     bytes : int or None
     output : str or None
     """

@@ -224,7 +224,8 @@ def _draw_views(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | No
 
 
 def _measure_size(points: Sequence[Floats]) -> float:
-    """Return the diagonal of the box of the visible points, without the outermost points at each side."""
+    """Return the diagonal of the bounding box of the visible points. The outermost points at each side are
+    ignored."""
     together = np.concatenate(points)
     if not len(together):
         return 1.0

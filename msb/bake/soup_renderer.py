@@ -203,8 +203,8 @@ class SoupRenderer(SupervisedRenderer):
         owners.write(owner)
         totals = self._scratch("totals", (views, proposals), self._total_type)
         totals.fill(0)
-        # Add up integers, so that the order of additions has no influence. The unit of the integers is as
-        # small as the range of the integers allows.
+        # Add up integers, so that the order of additions has no influence. The unit of these integers is as
+        # small as possible without an overflow.
         bits = 62 if self._total_type is np.int64 else 30
         largest = 6.0 * float(np.diff(self._starts).max())
         unit = np.float32(2.0 ** min(32, bits - int(np.ceil(np.log2(largest)))))

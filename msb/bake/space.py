@@ -96,7 +96,7 @@ class Space:
         return placed
 
     def clamp(self, points: Floats) -> Floats:
-        """Return the points, with points beyond the edge of a scene moved back to the edge."""
+        """Return the points. Points beyond the edge of a scene are moved back to the edge."""
         if not self.contracted:
             return points
         size = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)

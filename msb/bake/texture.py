@@ -194,7 +194,7 @@ def _draw_initial_texture(
         return np.zeros((size, size), np.int32), texture
     from scipy import ndimage  # Importing SciPy takes longer than fitting vertex colours.
 
-    # Texels between charts take the chart and the colour of the nearest drawn texel.
+    # A texel between charts gets the chart and the colour of the nearest drawn texel.
     row, column = ndimage.distance_transform_edt(faces < 0, return_distances=False, return_indices=True)
     return label_charts(mesh, uvs)[faces[row, column]], texture[row, column]
 

@@ -88,7 +88,8 @@ class TextureEquations(OnDevice):
         count, runs = np.uint32(texels), -(-texels // _RUN)
         direction, sums = self._allocate((self.starts[-1], 4)), self._allocate((self.starts[-1], 3))
         change, partial = self._allocate((self.size, self.size, 3)), self._allocate((runs, 4))
-        # Restrict the right sides and the diagonal from the smaller levels to the texture itself.
+        # Restrict the right sides and the diagonal of the matrix from the smaller levels to the texture
+        # itself.
         for many, place in reversed(levels):
             kernels.spread(many, _GROUP, self.stencils, *place, direction, np.uint32(many))
         kernels.begin(runs, _RUN_GROUP, self.stencils, direction, change, partial, count)

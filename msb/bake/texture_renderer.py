@@ -13,7 +13,7 @@ from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.render.device_scope import in_turn
 
-# Work-items of a work-group: for pixels, and for the much smaller number of texel rows.
+# Number of work-items in a work-group for pixels, and for rows of texels, which are fewer.
 _GROUP, _ROW_GROUP = 64, 8
 # Number of floats per face in bake_texture.cl. These values store the linear forms of the face's texture
 # coordinates, and the bounds.
@@ -51,7 +51,7 @@ class TextureRenderer(SupervisedRenderer):
     ) -> None:
         """Queue the sums over one view.
 
-        The argument `shape` is (first texels of the levels, size, number of levels).
+        The argument `shape` is a tuple: the first texels of the levels, the size, and the number of levels.
         """
         planes, view, count = self._draw_view(number)
         texels = np.uint32(equations.starts[-1])

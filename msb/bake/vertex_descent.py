@@ -102,14 +102,15 @@ def move_vertices(
 
 
 def _fair(points: Floats, faces: Ints, neighbours: Neighbours, space: Space) -> Floats:
-    """Return the points (V, 3) of `space` after a small step of fairing in world coordinates."""
+    """Make a small step of fairing in world coordinates. Return the points (V, 3) in the coordinates of
+    `space`."""
     world = space.to_world(points)
     normals = filter_normals(world, faces, neighbours, _FAIR_ROUNDS)
     return space.clamp(space.from_world(follow_normals(world, faces, normals, FAIR_SHARE)))
 
 
 def _sum_at_vertices(values: Floats, faces: Ints, count: int) -> Floats:
-    """Add up values at corners (F, 3, 3) to sums (V, 3) at vertices."""
+    """Add up the values at the corners (F, 3, 3) of each vertex. Return sums (V, 3)."""
     corners = faces.reshape(-1)
     sums = [np.bincount(corners, values[:, :, axis].reshape(-1), minlength=count) for axis in range(3)]
     return np.stack(sums, axis=1)

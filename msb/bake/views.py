@@ -97,7 +97,7 @@ class BakeViews:
     backgrounds: dict[str, Color] = field(default_factory=dict)
 
     def background_of(self, camera: Camera) -> Color:
-        """Return the background colour in the view of a camera, which may be scaled."""
+        """Return the background colour of a view. The camera of the view may be scaled."""
         return self.backgrounds.get(str(camera.name), self.background)
 
     def relative_to(self, origin: Origin) -> BakeViews:

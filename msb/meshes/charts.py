@@ -147,9 +147,7 @@ def with_sampled_colors(mesh: Mesh) -> Mesh:
 
 
 def _sample_corners(mesh: Mesh, uvs: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return the colours of the textures at corners with the UVs `uvs` (F, 3, 2), as linear light and alpha
-    (3F, 4).
-    """
+    """Sample the textures at corners with the UVs `uvs` (F, 3, 2). Return linear light and alpha (3F, 4)."""
     light = np.zeros((len(uvs), 3, 4), np.float32)
     smooth = replace(mesh.sampler, filter="linear", mipmaps=True)
     inside = uvs + _INWARDS * (uvs.mean(axis=1, keepdims=True) - uvs)

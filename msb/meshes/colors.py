@@ -17,8 +17,8 @@ def stored_colors(values: NDArray[Any]) -> NDArray[Any]:
 
     Values of type uint8 are kept, and uint16 values are divided by 65535. Integer colours of other types are
     clamped to 0..255. Floats are clamped to 0..1, as glTF prescribes. Some programs write colour bytes as
-    float numbers. Float colours become uint8 if all values are whole numbers up to 255 and a value exceeds 1.
-    NaN becomes 0.
+    float numbers. Float colours become uint8 if they are whole numbers up to 255, with at least one value
+    above 1. NaN becomes 0.
     """
     if values.dtype.kind == "f":
         values = np.nan_to_num(values, nan=0.0)

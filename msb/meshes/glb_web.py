@@ -96,7 +96,7 @@ class Grid:
 
 
 def _coarsen_by_distance(mesh: Mesh, positions: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the coarsening of the grid step for each vertex (V,) of a soup, in bits.
+    """For each vertex (V,) of a soup, return the number of bits by which the grid step is coarser.
 
     Negative values mean a finer step. The grid step grows with the distance of the face from the centre of
     the scene. Cameras are near the centre of a scene. Cameras view distant faces from far away, and distant

@@ -56,7 +56,7 @@ MAX_NODES = 1 << 20
 MAX_BYTES_PER_BYTE = 64
 MAX_EXTRA_BYTES = 1 << 28
 
-# For each byte value, the change of the nesting depth of the JSON.
+# For each byte value, the amount by which the byte changes the nesting depth of the JSON.
 _NESTING = np.zeros(256, dtype=np.int8)
 _NESTING[list(b"[{")] = 1
 _NESTING[list(b"]}")] = -1
@@ -352,7 +352,7 @@ def parse_accessor(
 def _parse_sparse(
     document: Document, entry: dict[str, Any], pointer: str, base: Accessor
 ) -> tuple[Accessor, Accessor]:
-    """Return the accessors of the indices and values for the sparse replacements in `base`."""
+    """Return two accessors for the sparse replacements in `base`: the indices and the values."""
     count = document.integer(entry, "count", pointer, below=base.count + 1)
     indices = document.object(entry, "indices", pointer)
     values = document.object(entry, "values", pointer)

@@ -50,7 +50,8 @@ def with_smooth_normals(mesh: Mesh) -> Mesh:
 def _round(normals: NDArray[np.float32]) -> NDArray[np.float32]:
     """Round the normals to 12 bits per coordinate, so that the corners of a smooth vertex are equal.
 
-    The corners of one vertex sum their normals in different orders, so the sums differ by rounding errors.
+    The normals at one vertex are added in a different order for each corner, so the sums differ by rounding
+    errors.
     """
     rounded: NDArray[np.float32] = np.round(normals * 2048) / np.float32(2048)
     return rounded

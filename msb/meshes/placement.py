@@ -22,7 +22,7 @@ from msb.meshes.transform import rotate_axis, rotate_upright
 
 # Words before the JSON of a placement in comments of text files.
 MARK = "MeshSplatBench frame"
-# Key of the placement in `asset.extras` of glTF and in the layer data of USD.
+# The JSON key of the placement, in `asset.extras` of glTF and in the layer data of USD.
 KEY = "frame"
 _COMMENT = re.compile(rb"^(?:#|comment) " + MARK.encode() + rb" (\{[^\r\n]{1,2000}\})\r?$", re.MULTILINE)
 # Bytes at the start of a text file that are searched for the comment.
@@ -77,8 +77,8 @@ def place(mesh: Mesh, *, is_upright: bool) -> Mesh:
     """Return a mesh in the form that is written to a file.
 
     The mesh is in metres if its unit is known. If `is_upright`, rotate the mesh so that +y is up. The
-    argument `mesh` is in the coordinates of the capture. The written mesh has a `placement` if it differs
-    from `mesh`, or if a unit is recorded.
+    argument `mesh` is given in the coordinates of the capture. The written mesh has a `placement` if it
+    differs from `mesh`, or if a unit is recorded.
     """
     frame = mesh.frame or Frame()
     up = frame.up if frame.up is not None else (None if mesh.up is None else parse_up(mesh.up))

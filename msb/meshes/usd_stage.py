@@ -345,8 +345,8 @@ def _combine(
 ) -> Values | None:
     """Combine the values of the materials of a prim. Return None if no triangle has values.
 
-    Each element of `pieces` has the triangle numbers of a material, and the values of this material for the
-    whole prim.
+    Each element of `pieces` has the triangle indices of a material. The element also has the values of this
+    material for the whole prim.
     """
     given = [values for _, values in pieces]
     if all(values is None for values in given):

@@ -158,7 +158,7 @@ class _State:
     def apply(self, change: Change) -> None:
         """Apply a change to the maps and points.
 
-        Changes that add rows are also applied to the buffers. Changes without added rows are accumulated.
+        Changes that add rows are also applied to the buffers. Changes without added rows are collected.
         """
         old_vertex, old_face = change.vertex_map, change.face_map
         self.vertex_map = np.where(old_vertex == NONE, NONE, self.vertex_map[old_vertex])

@@ -95,8 +95,8 @@ class Audit:
         False if the mesh was not tested: with more than 200,000 faces, only a requested exact weld tests
         the mesh.
     merged : Merged or None
-        The counts of an open mesh of at most 200,000 faces after an exact weld, or after merging vertices of
-        boundary edges that differ by rounding. The value is None if no weld was computed.
+        The counts of an open mesh after an exact weld, for at most 200,000 faces. If needed, vertices of
+        boundary edges that differ by rounding are merged as well. The value is None if no weld was computed.
     without_duplicates : Counts or None
         The counts of a non-manifold mesh without its duplicate faces. The value is None for a mesh without
         duplicate faces.

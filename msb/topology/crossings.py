@@ -55,8 +55,9 @@ def find_crossing_pairs(
     corners : (F, 3, 3) float64
         The corners of the faces, all finite.
     places : (F, n, 3) float64, optional
-        Points that define the bounding boxes instead of `corners`. If face sizes differ by many orders of
-        magnitude, pass points in coordinates in which the sizes are similar.
+        Points that define the bounding boxes. By default, the bounding boxes are computed from `corners`. If
+        face sizes differ by many orders of magnitude, pass points in coordinates in which the sizes are
+        similar.
     of : (F,) bool, optional
         Return only the pairs that contain at least one of these faces.
     most : int, optional

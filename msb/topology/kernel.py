@@ -204,8 +204,8 @@ class _Run:
         """Run the kernel place_corners for the blocks `first` to `end`.
 
         `cursors` (chunks, blocks + 1) holds the first position at which each chunk writes into each block.
-        Inside a block, the corners of one chunk follow the corners of the previous chunk. In the last column,
-        a spare position receives the corners of all other blocks.
+        Inside a block, the corners of one chunk follow the corners of the previous chunk. The last column is
+        a spare position, at which the corners of all other blocks are written.
         """
         counts = self.counts[:, first:end]
         cursors = np.full((self.chunks, end - first + 1), spare, np.uint32)

@@ -32,9 +32,9 @@ SeamKind = Literal["texture", "color", "normal", "format"]
 # If more than this share of the edges coincide with another edge, a triangle soup is treated as a surface
 # without shared vertices. In a trained triangle soup, corners coincide by chance only.
 _COINCIDING = 0.5
-# Two faces fold onto each other if the cosine of the angle between their normals is below this limit. The
-# angle may differ from 180 degrees by 0.08 degrees. Such faces are the two sides of a thin sheet, and the
-# edge between the faces is not a seam.
+# Two faces fold onto each other if the cosine of the angle between their normals is below this limit. Angles
+# within 0.08 degrees of 180 degrees are below the limit. Such faces are the two sides of a thin sheet, and
+# the edge between the faces is not a seam.
 _FOLDED = -0.999999
 
 # Largest rounding difference of two vertices, relative to the largest coordinate. The value is four units in

@@ -29,7 +29,7 @@ class Expected:
     quantity : str
         Key of the audit's JSON.
     call, answer : str
-        The function of the peer, and the name of its number among the peer's answers.
+        The function of the peer, and the name of the number in the peer's answers.
     ours, theirs : number, flag or None
         Our value, and the value that the peer's definition gives on this mesh.
     why : str
@@ -72,7 +72,7 @@ class Facts:
             self.shift = {key: n - proper[key] for key, n in self.with_all_rows.items()}
 
     def same(self, quantity: str, call: str, shift: str | None = None) -> Expected:
-        """Expect our count. If the peer also counts repeated-index faces, add their number."""
+        """Expect our count. If the peer also counts repeated-index faces, add the number of these faces."""
         ours = getattr(self.counts, quantity)
         by = self.shift[shift] if shift else 0
         return Expected(quantity, call, quantity, ours, ours + by, self.rows_kept(by))
@@ -103,8 +103,8 @@ class Facts:
         points = self.analysis.vertices[np.unique(self.analysis.mesh.faces)].astype(np.float64)
         with np.errstate(over="ignore"):
             extent = float(np.ptp(points, axis=0).max())
-        # Sums in different orders agree to 1e-9 of the area. The second term allows for thin triangles, whose
-        # areas can be pure rounding errors.
+        # Sums of areas in different orders agree to 1e-9 of the area. The second term allows for thin
+        # triangles, whose areas can be pure rounding errors.
         slack = 1e-9 * ours + 1e-14 * extent * extent * self.counts.faces
         return Expected("total_area", call, "total_area", ours, ours, "", slack=slack)
 

@@ -146,7 +146,7 @@ def ask_networkx(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Ans
 
     The vertex graph gives the edges. The face graph connects consecutive faces of an edge, and gives the
     components. The third graph is the union of all vertex links. In this graph, the node (v, w) is the end v
-    of the edge v-w. In each of its corners, a face connects two nodes of this graph.
+    of the edge v-w. At each of its corners, a face connects two nodes of this graph.
     """
     import networkx
 

@@ -69,7 +69,8 @@ PEER_STEPS: dict[str, PeerStep] = {
 
 
 def repair_by_peer(peer: str, step: str, points: NDArray[Any], faces: NDArray[Any], limits: Limits) -> Change:
-    """Return the change made by step `step` of peer `peer`. `PEER_STEPS` has the keys PEER-STEP.
+    """Return the change made by step `step` of peer `peer`. `PEER_STEPS` maps names of the form PEER-STEP to
+    repair steps.
 
     Faces with a repeated index are removed.
     """

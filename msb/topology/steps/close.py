@@ -151,8 +151,8 @@ def _cap_quadrangles(
     """Return caps of two faces each. Also return the loops that cannot be closed, because both diagonals are
     already edges."""
     count = len(analysis.vertices)
-    # `corner` (n, 4) contains the vertices of each loop in order. `beside` (n, 4) contains the old face at
-    # each boundary edge.
+    # `corner` (n, 4) contains the vertices of each loop in order. `beside` (n, 4) contains the old face next
+    # to each boundary edge.
     places = _walk_around(rim, first, 4)
     corner = np.stack([rim.start[place] for place in places], axis=1)
     beside = np.stack([face_of(rim.halfedge[place]) for place in places], axis=1)
@@ -200,8 +200,8 @@ def _cap_with_middles(rim: _RimEdges, wanted: NDArray[np.bool_], vertex_count: i
 
 
 def _walk_around(rim: _RimEdges, first: NDArray[Any], count: int) -> list[NDArray[Any]]:
-    """Return `count` arrays (n,). The first array is `first`, and each further array contains the next
-    boundary edges."""
+    """Return `count` arrays (n,). The first array is `first`. Each further array contains the boundary edges
+    that follow the previous array."""
     places = [first]
     for _ in range(count - 1):
         places.append(rim.follows[places[-1]])

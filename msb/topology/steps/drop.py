@@ -87,7 +87,7 @@ def _restore(
 def _list_faces_at(
     edges: NDArray[Any], faces: NDArray[Any], wanted: NDArray[np.bool_]
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return pairs of a face (n,) and its edge (n,) for all edges that `wanted` (E,) marks."""
+    """Find all edges that `wanted` (E,) marks. Return the pairs of a face (n,) and such an edge (n,)."""
     faces = faces[edges[faces, 0] != NONE]
     place = np.flatnonzero(wanted[edges[faces]])
     return faces[place // 3], edges[faces].reshape(-1)[place]

@@ -101,14 +101,15 @@ class _Steps:
     Attributes
     ----------
     near, far : (n,) integers
-        Both nodes of each search step.
+        The two nodes that each step connects.
     odd : (n,) bool
         Whether the step reverses the sense of rotation.
     component : (n,) integers
     start : (n,) bool
         Whether searches start at this step.
     passed : (n, 2) integers
-        Both vertices of each search step. A node may have several vertices.
+        The two vertices that each step connects. A node may consist of several vertices. A node may have
+        several vertices.
     """
 
     near: NDArray[Any]
@@ -152,7 +153,7 @@ def _find_shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
     first = np.searchsorted(ends, np.arange(len(nodes) + 1), sorter=leaving)
     to, step = ends[(leaving + count) % (2 * count)], (leaving % count).astype(np.int32)
 
-    # Level 0 contains every start with even parity.
+    # The first level contains every start with even parity.
     starts, rows = np.unique(ends[:count][steps.start], return_index=True)
     component = steps.component[steps.start][rows]
     none = np.zeros(0, np.int32)

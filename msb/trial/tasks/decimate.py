@@ -112,7 +112,7 @@ def _grade(entry: Numbers, target: int) -> tuple[Outcome, str | None]:
 
 
 def _make_key(library: str) -> str:
-    """Return the key under which the numbers of a library are stored."""
+    """Return the key for storing the numbers of a library."""
     return library.replace("-", "_")
 
 

@@ -1,9 +1,9 @@
 """Loop subdivision by libigl: check whether Loop's rule is defined, and measure opening cracks.
 
 Loop's rule is defined for edges with one face and with two faces. Modelling programs make the winding
-consistent, cut all edges with more faces, and subdivide the result. The subdivision in this module follows
-the steps of modelling programs. The copies of a cut edge are smoothed independently, which opens a crack
-between them.
+consistent, cut all edges with more than two faces, and subdivide the result. The subdivision in this module
+follows the steps of modelling programs. The copies of a cut edge are smoothed independently, which opens a
+crack between them.
 """
 
 from typing import Any
@@ -23,8 +23,8 @@ from msb.trial.renderings import Renderings
 from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, grade
 from msb.trial.tasks.decimate import draw_side_by_side
 
-# Largest fractions of faces without a neighbour, for "works" and for "works with limitations". Subdivision
-# only shrinks faces without a neighbour.
+# Largest fractions of faces without a neighbour, for "works" and for "works with limitations". If a face has
+# no neighbour, subdivision only shrinks the face.
 FEW_LONE, MANY_LONE = 0.01, 0.1
 # Largest area of cracks for "works with limitations", as a fraction of the surface area. Cracks below this
 # area are mostly invisible in images.
