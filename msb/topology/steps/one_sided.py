@@ -108,8 +108,7 @@ class _Steps:
     start : (n,) bool
         Whether searches start at this step.
     passed : (n, 2) integers
-        The two vertices that each step connects. A node may consist of several vertices. A node may have
-        several vertices.
+        The two vertices that each step connects. A node may consist of several vertices.
     """
 
     near: NDArray[Any]
