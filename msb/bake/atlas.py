@@ -46,8 +46,8 @@ _UNWRAP_LIMITS = Limits(seconds=900.0, memory=None)
 _PADDING = 4
 # Texture coordinates are multiples of 1 / 65535, which files store in two bytes without loss.
 _COORDINATE_STEPS = 65535
-# Smallest scale of a chart relative to the median chart. The largest scale is its inverse. Without limits on
-# the scale, charts that a camera views from very near would fill the whole texture.
+# Smallest scale of a chart relative to the median chart. The largest scale of a chart is the inverse of this
+# value. Without limits on the scale, charts that a camera views from very near would fill the whole texture.
 _MIN_CHART_SCALE = 1 / 4
 
 
@@ -132,7 +132,7 @@ def _pack(legs: Floats, blocks: int, block: int) -> tuple[float, _Cells, Ints | 
 
 
 def _make_cells(legs: Floats, block: int) -> _Cells:
-    """Return cells for faces with legs (F, 2) in blocks, each cell rounded up to whole blocks.
+    """Return the cells for faces with the legs (F, 2) in blocks. Each cell is rounded up to whole blocks.
 
     Sampling a mip level interpolates between texel centres. A single face in a texture therefore needs a
     margin of half a block on all sides.

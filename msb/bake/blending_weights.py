@@ -52,7 +52,7 @@ def measure_blending_weights(
     """
     tier: Tier = "standard" if why_not(asset.manifest, "dedicated") else "dedicated"
     views = ((camera, images.image(number)) for number, camera in enumerate(images.cameras))
-    # Sums (F, 4) per face: blending weight times RGB, and blending weight.
+    # Sums (F, 4) over the pixels of each face: the blending weight times RGB, and the blending weight.
     sums = np.zeros((asset.manifest.face_count, 4))
     for shares in shares_by_view(asset, views, tier=tier, device=device):
         if shares is None:

@@ -54,7 +54,8 @@ def make_fitted(
     faces: int | None = None,
     pixels: int | None = None,
 ) -> tuple[Mesh, list[str]]:
-    """Return an opaque soup made of the triangles of `asset`, with corner colours, and notes for the user.
+    """Return an opaque soup with corner colours, made of the triangles of `asset`. Also return notes for the
+    user.
 
     Triangles are pruned by their blending weights. The remaining triangles are moved, hidden and shown until
     they match the training images. The validation images decide which state is best. Without a limit of

@@ -11,9 +11,9 @@ from msb.meshes.mesh import Mesh
 from msb.repair.assets import repair_mesh
 from msb.repair.plan import Options
 
-# Largest number of face-selection rounds, number of rounds between two validations, and number of validations
-# without a gain that end the selection. A selection round tries 8 % of the faces, so 60 rounds try each face
-# about five times.
+# Limits of the face selection: the number of rounds, the rounds between two validations, and the validations
+# without a gain before the end. A selection round tries 8 % of the faces, so 60 rounds try each face about
+# five times.
 _ROUNDS, _VALIDATION_STEP, _PATIENCE = 60, 5, 6
 # Number of pixels of the largest image that is used to select faces. Selection takes longer with larger
 # images. Colours are always fitted to the full images.
@@ -55,7 +55,7 @@ def make_kept(asset: Asset, context: SearchContext, weights: BlendingWeights | N
 
 
 def rejoin_cuts(mesh: Mesh) -> Mesh:
-    """Return a kept mesh without the cut edges that only vertex colours need."""
+    """Remove the cut edges that only vertex colours need. Return the mesh."""
     if is_uncut_soup(mesh.vertices, mesh.faces):
         return mesh
     whole = merge_seams(mesh)

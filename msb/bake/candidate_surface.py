@@ -38,8 +38,8 @@ from msb.errors import AssetError
 from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
 
-# Default face budget of an object. With this face budget, the demo surfaces lose at most 0.9 dB of PSNR to
-# photographs, compared with native renderings.
+# Default face budget of an object. With this face budget, the PSNR of the demo surfaces is at most 0.9 dB
+# below native renderings, measured against photographs.
 OBJECT_FACES = 8_000
 # Smallest and largest default face budget of a scene. Between these two limits, the face budget is one face
 # per 2 pixels of a view. A larger face budget makes each step slower.
@@ -52,8 +52,8 @@ CELLS = 144
 _MIN_CELLS = 18
 # A grid of 288 cells per side is tried if the error with 144 cells is below 75 % of the error with 72 cells.
 # Without this condition, a finer grid would follow the noise of the soup. Moving vertices does not remove
-# this noise. With an uneven soup, a grid of 288 cells lost up to 8 dB. If the finer grid is used below this
-# error ratio, PSNR gains up to 1.4 dB.
+# this noise. With an uneven soup, a grid of 288 cells lost up to 8 dB. Below this ratio, the finer grid gains
+# up to 1.4 dB of PSNR.
 _MAX_ERROR_RATIO = 0.75
 # If the time limit for moving vertices is below this value, only one grid is tried. For a scene, further
 # grids would take many times as long.
@@ -61,14 +61,15 @@ _MIN_SECONDS_TO_COMPARE = 2.0
 # A note is printed if the face count differs from the budget by more than this factor.
 _BUDGET_TOLERANCE = 1.25
 # Up to this face budget, a reduction in two steps is also tried, because two steps preserve thin parts. With
-# a larger budget the reduction in two steps is rarely better.
+# a larger budget, the reduction in two steps is rarely better.
 _TWO_STEP_FACES = 4_000
-# In the search, the error is multiplied by the relative bending of the surface to this power. The relative
-# bending is 1 at the start. With this power, 10 % more bending must gain 0.2 dB of PSNR.
+# In the search, the error is multiplied by a penalty: the relative bending of the surface, raised to this
+# power. The relative bending is 1 at the start. With this power, a surface with 10 % more bending is only
+# better if its PSNR is 0.2 dB higher.
 _BENDING_POWER = 0.5
-# These values apply to a surface from a model's own depths. The first value is the number of smoothing rounds
-# before the face reduction. The second value is the number of steps that move the vertices. More fairing or
-# more steps would remove details, such as the features of a face, and cost up to 0.4 dB.
+# These values apply to surfaces that are made from a model's own depths. The first value is the number of
+# smoothing rounds before the face reduction. The second value is the number of steps that move the vertices.
+# More fairing or more steps would remove details, such as the features of a face, and cost up to 0.4 dB.
 _SMOOTH_TURNS, _OWN_DEPTH_STEPS = 10, 1
 # A part is removed as a speck if it covers less than this share of the pixels of all views.
 MIN_PART_SHARE = 1e-4

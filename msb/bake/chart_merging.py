@@ -149,7 +149,8 @@ class _Merging:
         return False
 
     def _snap(self, vertex: int, place: Floats, length: float, chart: int, face: int) -> Floats | None:
-        """Return the nearest place of a vertex in the chart around a face, if it is near `place`."""
+        """A vertex may have several places in the chart around a face. Return the place that is nearest to
+        `place`, if it is near enough."""
         best, least = None, _SNAP * length
         for edge in self._list_edges(face):
             if vertex not in edge:

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 # Extraction.
 #
-# Smallest absolute vote of a cell. A vote of 1 means a distance of 3 cells. If a cell had the vote 0, the
-# surface points on all edges of the cell would coincide, and their faces would have no area.
+# Smallest absolute value of a cell's vote. A vote of 1 means a distance of 3 cells. If a cell had the vote 0,
+# the surface points on all edges of the cell would coincide, and their faces would have no area.
 _MIN_VOTE = 0.002
 
 # Parameters of the face reduction.
@@ -61,11 +61,11 @@ _REPAIR_ROUNDS = 5
 # Largest number of rounds of smoothing the corners of crossing faces. After every `_WIDEN_ROUNDS` rounds, one
 # more ring of neighbours is smoothed as well.
 _SMOOTH_ROUNDS, _WIDEN_ROUNDS = 32, 8
-# A repair of crossing faces moves their corners back to earlier places in at most this number of rounds. If
-# faces still cross after the last round, all corners are moved back. Several rounds are needed, because
-# moving corners back can make other faces cross.
+# Largest number of rounds that move the corners of crossing faces back to earlier places. If faces still
+# cross after the last round, all corners are moved back. Several rounds are needed, because moving corners
+# back can make other faces cross.
 _REVERT_ROUNDS = 60
-# Largest number of rounds that cut out faces that still cross and close the holes.
+# Largest number of rounds that cut out the remaining crossing faces and close the holes.
 _CUT_ROUNDS = 6
 # If two vertices coincide, one vertex moves by this share of the way to the average centre of its faces. A
 # move of this size is invisible, but larger than the rounding error of float32.
@@ -237,7 +237,8 @@ def _drop_flaps(faces: Ints) -> Ints:
 
 
 def _close_holes(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Return the surface with its holes closed. A fan around the average of the rim closes each hole."""
+    """Return the surface with its holes closed. Each hole is closed with a fan of faces around the average of
+    its rim vertices."""
     change = close(points, faces, most_edges=1 << 30, most_share=1.0)
     is_new = change.vertex_map < 0
     placed = points[change.vertex_map]
@@ -257,7 +258,8 @@ def _find_open_faces(faces: Ints) -> Mask:
 
 
 def remove_crossings(points: Floats, faces: Ints, space: Space) -> tuple[Floats, Ints]:
-    """Return a closed surface at points (V, 3) of `space` without faces that cross in the world.
+    """Remove crossing faces from a closed surface. The points (V, 3) are in the coordinates of `space`, and
+    crossings are tested in world coordinates.
 
     Corners of crossing faces are smoothed. If smoothing does not help, the crossing faces and their
     neighbours are cut out and the hole is closed. If faces still cross after several rounds, the surface with
@@ -277,7 +279,7 @@ def remove_crossings(points: Floats, faces: Ints, space: Space) -> tuple[Floats,
 
 
 def _smooth_crossings(points: Floats, faces: Ints, space: Space) -> tuple[Floats, Ints]:
-    """Return smoothed points (V, 3) with fewer crossing faces, and the remaining crossing faces.
+    """Return smoothed points (V, 3) with fewer crossing faces. Also return the remaining crossing faces.
 
     Corners of crossing faces move half way to the average of their neighbours. In the first rounds, corners
     of sliver faces move as well. If faces still cross after some rounds, the vertices around their corners
@@ -354,12 +356,13 @@ def separate_vertices(mesh: Mesh) -> Mesh:
     """Return `mesh` with no two vertices at one place.
 
     Files store the vertices of a seam twice, and readers merge all vertices with equal coordinates. The first
-    vertex at a place stays. All other vertices there move slightly towards the average centre of their faces.
+    vertex at a place stays. Each other vertex at this place moves slightly towards the average centre of its
+    faces.
     """
     vertices, corners = mesh.vertices.copy(), mesh.faces.reshape(-1)
     count = np.bincount(corners, minlength=len(vertices))
     for _ in range(_REPAIR_ROUNDS):
-        # Indices (n,) of the used vertices whose coordinates an earlier vertex also has.
+        # Indices (n,) of the used vertices with the coordinates of an earlier vertex.
         _, place = np.unique(vertices, axis=0, return_inverse=True)
         order = np.argsort(place, kind="stable")
         again = order[1:][np.diff(place[order]) == 0]

@@ -51,8 +51,8 @@ PIXELS = 1 << 16
 # Number of grid cells along the longest side, for an object and for a scene. `_MARGIN` is the margin around
 # an object in grid cells. With fewer grid cells, the sheet of a scene has ragged rims.
 _CELLS, _MARGIN = (96, 224), 1.0
-# Radius, in a scene's coordinates, beyond which everything counts as sky. The sky radius is ten times the
-# near radius in world coordinates.
+# Radius in the coordinates of a scene. Everything beyond this radius counts as sky. The sky radius is ten
+# times the near radius in world coordinates.
 _SKY_RADIUS = 1.9
 
 # Shapes.
@@ -237,11 +237,11 @@ def _find_visible(
 
 
 def _normalize(mesh: Mesh, visible: Floats) -> tuple[Floats, Ints, Floats, float]:
-    """Return the points and faces of the mesh relative to an origin, in a unit of length.
+    """Normalise the mesh. Return its points relative to an origin, in a unit of length, and its faces.
 
     Also return the origin and the unit. The origin is the centre of the visible points (n, 3). The unit is
-    the diagonal of their bounding box. Without visible points all points of the mesh are used. Colour seams
-    may store several vertices at one position. Merge such vertices in an open mesh.
+    the diagonal of the bounding box of these points. Without visible points, all points of the mesh are used.
+    Colour seams may store several vertices at one position. Merge such vertices in an open mesh.
     """
     if not len(mesh.faces):
         raise MeshError("MESH_ARRAY", "the mesh has no faces, so no collision shape can be made")
@@ -306,7 +306,7 @@ def _reduce(solid: PointsAndFaces, count: int) -> PointsAndFaces:
 def _reduce_scene(surface: PointsAndFaces, count: int, space: Space) -> PointsAndFaces:
     """Reduce a surface to about `count` faces, most of them near the cameras.
 
-    Before the reduction, replace each distance from the middle by its square root beyond the near radius.
+    Beyond the near radius, distances from the middle are replaced by their square roots before the reduction.
     """
     offset = (surface[0] - space.center) / space.radius
     inside, faces = _reduce((offset / np.sqrt(_measure_far_factor(offset)), surface[1]), count)

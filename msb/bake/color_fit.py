@@ -121,8 +121,8 @@ def _solve_faces_within(system: Floats, targets: Floats, x: Floats, low: Floats,
         clamped |= (x < low) | (x > high)
         x = np.clip(x, low, high)
         free = ~clamped
-        # Move clamped values to the right side of the equations. Replace their rows by rows of the identity
-        # matrix.
+        # Move clamped values to the right side of the equations. Replace the rows of clamped values by rows
+        # of the identity matrix.
         rest = targets - np.einsum("nij,nj->ni", system, np.where(clamped, x, 0.0))
         reduced = np.where(free[:, :, None] & free[:, None, :], system, 0.0) + clamped[:, :, None] * np.eye(3)
         solution = np.linalg.solve(reduced, np.where(free, rest, 0.0)[..., None])[..., 0]

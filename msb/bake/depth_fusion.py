@@ -49,7 +49,7 @@ UNKNOWN = 2.0
 # Therefore the points do not line up in columns.
 _PIXELS_PER_POINT = 7
 _BLACK = (0.0, 0.0, 0.0)
-# Smallest coverage of a pixel by Gaussians that gives the pixel a depth.
+# A pixel has a depth if Gaussians cover at least this share of the pixel.
 MIN_ALPHA = 0.5
 
 
@@ -164,9 +164,9 @@ class DepthRenderer(StandardRenderer):
 class NativeDepthRenderer(DepthRenderer):
     """Lets the depth maps of Gaussians, instead of a mesh, vote on grid cells.
 
-    Going along the ray, transmittance falls below one half at a certain Gaussian. The depth of this Gaussian
-    is the depth of the pixel. The depth of a Gaussian is measured at its highest density along the ray.
-    Pixels that the Gaussians cover by less than half are empty.
+    Along the ray of a pixel, the transmittance falls below one half at one of the Gaussians. The depth of
+    this Gaussian is the depth of the pixel. The depth of a Gaussian is measured at its highest density along
+    the ray. Pixels that the Gaussians cover by less than half are empty.
     """
 
     def __init__(self, model: Asset, device: str | Device | None = None) -> None:

@@ -70,8 +70,8 @@ class StepSchedule:
             pace = max(now - self._first, _EPSILON) / (step - 1)
             possible = int((self._until - now) / pace)
             self._is_short |= possible < left
-            # Once the time limit reduces the steps, the step lengths depend on the speed of the machine. Then
-            # leave out at least one step, so that a note informs the user.
+            # If the time limit reduces the number of steps, the step lengths depend on the speed of the
+            # machine. In this case, omit at least one step, because only then a note informs the user.
             if self._is_short:
                 left = min(possible, left - 1)
         if stop or now > self._until or left <= 0:

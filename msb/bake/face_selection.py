@@ -1,9 +1,10 @@
 """Face selection of an opaque soup: hide or show many faces at once, and keep useful changes.
 
 A selection round hides some selected faces, shows some hidden faces, and renders a few views before and after
-the change. If the colour of a pixel changes, the change of its error is assigned to the faces before and
-after the change (`SoupRenderer.measure_changes`). A change of the selection is kept if its gain over the
-views is statistically significant. Noise would otherwise decide about faces with few pixels.
+the change. The change of a pixel's error is assigned to two faces: the face that the pixel showed before the
+change, and the face that the pixel shows afterwards (`SoupRenderer.measure_changes`). A change of the
+selection is kept if its gain over the views is statistically significant. Without this test, noise would
+decide about faces with few pixels.
 """
 
 import numpy as np

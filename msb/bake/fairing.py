@@ -25,8 +25,8 @@ _NORMAL_WIDTH = 0.5
 # Turns of `fair`. Each turn of fairing filters the normals and moves the vertices. After ten turns, the dents
 # of the demo surfaces are gone. Further turns would round the rims.
 _TURNS = 10
-# In one smoothing turn, a vertex moves twice towards the average of its neighbours. The two values are these
-# shares of the distance.
+# In one smoothing turn, a vertex moves towards the average of its neighbours, then away from the average. The
+# values are these two moves, as shares of the distance to the average.
 _SHARES = 0.5, -0.53
 # A face is folded if its normal points away from the normals around it. The limit applies to the cosine
 # between the normal and the area-weighted sum of the surrounding normals. The limit is negative because of
@@ -80,7 +80,7 @@ def smooth(points: Floats, faces: Ints, turns: int) -> Floats:
 
 
 def fair(points: Floats, faces: Ints) -> Floats:
-    """Filter the normals and move the vertices of a surface in some turns. Return the points (V, 3).
+    """Fair a surface: filter the normals, and move the vertices, in several turns. Return the points (V, 3).
 
     A surface with few faces has few small dents. Such a surface therefore gets fewer turns of fairing, or
     none.

@@ -12,8 +12,8 @@ PointsAndFaces = tuple[Floats, Ints]
 
 # Largest number of corners of the hull of a patch. Physics engines accept hulls of some dozens of corners.
 PATCH_CORNERS = 32
-# Thickness of a box or of the hull of a flat patch, relative to the diagonal. The thin shape is still a
-# solid.
+# Thickness of a box or of the hull of a flat patch, relative to the diagonal. With this thickness, the thin
+# shape is still a solid.
 _MIN_THICKNESS = 1e-3
 # A hull counts as flat if its volume, divided by the cube of the diagonal, is below this limit. Flat hulls
 # are thickened.
@@ -120,7 +120,7 @@ def make_hull(points: Floats) -> PointsAndFaces:
     """Return a convex hull of at most `PATCH_CORNERS` of the points. A flat hull is thickened."""
     from scipy.spatial import ConvexHull
 
-    # Extreme points in evenly spread directions, in coordinates scaled by the principal axes.
+    # Select extreme points in evenly spread directions. The coordinates are scaled by the principal axes.
     axes = _find_principal_axes(points)
     along = (points - points.mean(axis=0)) @ axes.T
     along /= np.maximum(np.abs(along).max(axis=0), _TINY)
@@ -146,7 +146,8 @@ def fit_box(points: Floats) -> PointsAndFaces:
     bases, corners = _make_hull_frames(points)
     axes = _find_principal_axes(points)
     axes[2] *= np.sign(np.linalg.det(axes))  # A mirrored frame would turn the faces inwards.
-    # Extents (n, 3) of the corners along each frame (n, 3, 3), and the frame with the smallest volume.
+    # Measure the extents (n, 3) of the corners along each frame (n, 3, 3). Choose the frame with the smallest
+    # volume.
     frames = np.concatenate([[np.eye(3), axes], bases])
     along = np.einsum("nij,pj->npi", frames, corners)
     low, high = along.min(axis=1), along.max(axis=1)
@@ -163,7 +164,7 @@ def _make_hull_frames(points: Floats) -> tuple[Floats, Floats]:
     for options in (
         "Qt",
         "QJ",
-    ):  # QJ moves points at random, so that points in a plane have a hull.
+    ):  # Qhull's option QJ moves points at random, so that points in a plane have a hull.
         try:
             hull = ConvexHull(points, qhull_options=options)
         except QhullError:

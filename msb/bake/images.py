@@ -143,7 +143,7 @@ class ViewImages:
         numbers = {id(camera): number for number, camera in enumerate(cameras)}
 
         def average(camera: Camera) -> NDArray[np.uint16]:
-            # Sums of 2 x 2 pixels as integers, rounded to the nearest average.
+            # Add up 2 x 2 pixels as integers, and round to the nearest average.
             image = self.stored_image(numbers[id(camera)])[down:, right:]
             image = image[: 2 * camera.height, : 2 * camera.width]
             rows = np.add(image[::2], image[1::2], dtype=np.uint32)

@@ -107,7 +107,7 @@ def _reduce_soup(
 def _reduce_closed(
     mesh: Mesh, whole: SearchContext, counts: Sequence[int], seconds: float
 ) -> Iterator[tuple[Mesh, list[str]]]:
-    """Yield a closed surface with fewer faces for each count, with moved vertices."""
+    """For each count, yield a closed surface with fewer faces, whose vertices were moved."""
     context = whole.limited_to(PIXELS_TO_MOVE)
     cameras = context.training.cameras
     visible = find_visible_points(mesh, cameras, context.device)
@@ -127,7 +127,7 @@ def _reduce_closed(
 def _reduce_open(
     mesh: Mesh, context: SearchContext, counts: Sequence[int]
 ) -> Iterator[tuple[Mesh, list[str]]]:
-    """Yield an open surface with fewer faces for each count, without moving its vertices."""
+    """For each count, yield an open surface with fewer faces. The vertices are not moved."""
     points = mesh.vertices.astype(np.float64)
     for level, count in enumerate(counts):
         _report_progress(context, level, len(counts), 0, 1)
@@ -170,7 +170,7 @@ def measure_screen_share(mesh: Mesh, lod: Mesh, *, rows: int = SCREEN_ROWS) -> f
     the centre of the model's bounding box, and contains the farthest vertex. The result is at most 1. Colour
     differences are not measured.
     """
-    # Distances between the two surfaces in both directions.
+    # Measure the distances between the two surfaces in both directions.
     ends = [(part.vertices.astype(np.float64), part.faces) for part in (mesh, lod)]
     pairs = (ends, ends[::-1])
     distances = [measure_distances(sample_surface(*start)[0], *end) for start, end in pairs]

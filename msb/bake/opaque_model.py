@@ -32,8 +32,8 @@ def hide_stray_faces(soup: Soup, renderer: SoupRenderer, best: BestState) -> Sou
     """Hide the stray faces of a soup. Return the best state.
 
     Faces that no training view shows are always hidden, because no image determines their place and colour.
-    Faces that only a single view shows, and faces near a camera, are often haze that became opaque. Faces of
-    haze are hidden if hiding them does not increase the error in the validation images.
+    Faces that only a single view shows, and faces near a camera, often come from transparent haze that became
+    opaque. Faces of this haze are hidden if hiding them does not increase the error in the validation images.
     """
     count = len(soup.selected)
     views, nearest = np.zeros(count, np.int64), np.full(count, np.inf)

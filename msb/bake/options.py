@@ -253,7 +253,7 @@ def parse_lods(lods: str | Sequence[float]) -> tuple[float, ...]:
 
 
 def parse_collision(text: str) -> tuple[CollisionKind, int]:
-    """Return the kind and the largest number of faces or parts in a text such as "mesh:1000".
+    """Parse a text such as "mesh:1000". Return the kind, and the largest number of faces or parts.
 
     Raises
     ------

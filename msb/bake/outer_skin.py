@@ -23,7 +23,7 @@ _SUBDIVISIONS = 3
 # Angle in radians between neighbouring sample points of a face. This angle is smaller than the angle between
 # neighbouring directions, so that a face is found in every direction.
 _MAX_STEP = 0.07
-# Largest number of rounds that halve the edges of faces to sample the faces.
+# Largest number of rounds that halve the edges of faces. The new corners are sample points.
 _MAX_ROUNDS = 6
 # Colour of the skin, which no view sees: a neutral grey.
 _GREY = 128

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     WriteFile = Callable[[BinaryIO], object]
 
-# The smallest textured mesh. It needs the same additional files as any textured mesh.
+# The smallest textured mesh needs the same additional files as any textured mesh.
 _SMALLEST_TEXTURED = Mesh(
     np.zeros((3, 3), np.float32),
     np.arange(3)[None],

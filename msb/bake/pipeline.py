@@ -215,7 +215,9 @@ class BakePipeline:
                 tried[name] = measure_psnr(asset, targets, SAMPLES_PER_SIDE, self._device)[0]
         chosen, why = self._choose_candidate(candidates, tried)
         notes += candidate_notes[chosen]
-        if self._options.lod_shares:  # Levels start with the vertex colours, not the texture.
+        if (
+            self._options.lod_shares
+        ):  # A level of detail starts with the vertex colours, not with the texture.
             self._untextured = candidates[chosen]
         if stopped():
             notes.append("interrupted; the result is the best state until the interruption")
@@ -297,7 +299,9 @@ class BakePipeline:
         options = self._options
         if options.geometry != "auto":
             return [options.geometry], []
-        if self._is_splat:  # Gaussians have stand-in triangles, which are not used as a candidate.
+        if (
+            self._is_splat
+        ):  # Assets of Gaussians contain placeholder triangles, which are not used as a candidate.
             return ["surface"], []
         if options.for_solid:
             if self._context.shows_model_mesh and options.faces is None and _is_solid(self._asset):

@@ -56,7 +56,7 @@ def _measure_model_only(
 ) -> float:
     """Return the average PSNR in dB over the pixels that the model or the baked mesh covers.
 
-    The coverage masks (H, W) of the model are `covered`. Both images show the background at pixels that
+    `covered` contains the coverage masks (H, W) of the model. Both images show the background at pixels that
     neither mesh covers.
     """
     values = []
