@@ -96,8 +96,8 @@ class StoredMesh:
     path : Path or None
         The value is None for a mesh that is not from a file.
     buffers : mapping of str to ndarray
-        Arrays with the names of an asset: `positions` (V, 3) floats, `indices` (F, 3) integers, and all other
-        arrays of the file.
+        Arrays with the names of an asset. `positions` (V, 3) contains floats, and `indices` (F, 3) contains
+        integers. All other arrays of the file are included.
     domains : mapping of str to str
         The domain of `color` and other buffers that have a row for each vertex, face or corner.
     method : str or None

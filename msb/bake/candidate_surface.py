@@ -110,8 +110,8 @@ def make_surface(
     `pixels`, the number of pixels of a view. The vertices are then moved for at most `seconds`, and the state
     with the smallest validation error is kept. The resulting mesh has vertex colours.
 
-    An object is enclosed from outside. A scene is enclosed from inside: its faces look inwards, and a distant
-    shell shows the sky.
+    An object is enclosed from outside. A scene is enclosed from inside. The faces of a scene look inwards,
+    and a distant shell shows the sky.
 
     Raises
     ------
@@ -160,9 +160,8 @@ def enclose(
 ) -> ClosedSurface:
     """Return the closed surface around the visible parts of a soup, or of Gaussians.
 
-    The argument `cells` contains two grid sizes, one for objects and one for scenes: the number of cells
-    along the longest side. The unseen sides of an object are closed by planes at the distance `margin` in
-    cells.
+    The argument `cells` has two values, for objects and for scenes. Each value is the number of cells along
+    the longest side. The unseen sides of an object are closed by planes at the distance `margin` in cells.
 
     Raises
     ------

@@ -151,7 +151,8 @@ class ShapeReport:
     truth: TrueShape | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the shape as JSON data. Angles are in degrees, and depths are relative to the size."""
+        """Return the shape as JSON data. Angles are in degrees. Depths are relative to the size of the
+        surface."""
         error = depth = None
         if self.truth is not None and not math.isnan(self.truth.mean):
             error = {name: getattr(self.truth, name) for name in ("mean", "median", "above_30")}
@@ -180,7 +181,7 @@ class Report:
     Attributes
     ----------
     geometry, color : str
-        "kept", "fitted" or "surface"; with a "texture" or colours at each "vertex".
+        The geometry is "kept", "fitted" or "surface". The colours are in a "texture" or at each "vertex".
     vertices, faces : int
     texture : (int, int) or None
         Width and height of the texture.

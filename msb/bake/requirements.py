@@ -1,4 +1,5 @@
-"""Checks a bake's options for a model, and the installed libraries that the options need, before any work."""
+"""Before any work, check the options of a bake for a model, and check that the required libraries are
+installed."""
 
 from dataclasses import replace
 
@@ -65,7 +66,7 @@ def _fits_vertices(asset: Asset) -> bool:
     """Return whether vertex colours can show the colours of the model.
 
     Vertex colours cannot show colours that vary within a face, or uniform faces that share vertices. Without
-    xatlas, models with shared vertices always get vertex colours, because xatlas makes their texture.
+    xatlas, models with shared vertices always get vertex colours, because only xatlas can make their texture.
     """
     if why_not(asset.manifest, "standard") is not None:
         return False

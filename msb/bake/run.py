@@ -86,7 +86,7 @@ class Baked:
 
         An output folder must be the only path. A path is a folder if it has no suffix, or if a folder with
         this name exists. An output folder gets asset.glb and its companions, bake.json, preview.png and the
-        page index.html. In an existing folder only files written by an earlier bake are replaced.
+        page index.html. In an existing folder, only files written by an earlier bake are replaced.
         """
         is_convex = self.report.collision is not None and self.report.collision.kind != "mesh"
         companions = self.lods if self.collision is None else (*self.lods, self.collision)
@@ -125,9 +125,9 @@ def bake(
         The scene that the model was trained on. The training views of the scene supervise. The test views are
         only used for the report.
     cameras : iterable of Camera, optional
-        Views to use instead of a scene. Every 8th view is held out for the report. Default: the training
-        cameras if their file lies beside the model, else 40 generated views around the model or inside it. If
-        there are fewer than 40 supervising views, interpolated views are added.
+        Views to use instead of a scene. Every 8th view is held out for the report. The default is the
+        training cameras if their file lies beside the model, else 40 generated views around the model or
+        inside it. If there are fewer than 40 supervising views, interpolated views are added.
     background : (3,) floats, or str, optional
         As for `msb.render`. Default: the scene's background, else the asset's.
     device : str, optional
@@ -160,10 +160,10 @@ def bake(
     faces : int, optional
         The largest number of fitted triangles, or the approximate number of triangles of a surface.
     texture : int, optional
-        Texels along a side of the texture, 16 to 16384. Default: about one texel per pixel that shows the
-        mesh in the images.
+        Texels along a side of the texture, 16 to 16384. The default is about one texel per pixel that shows
+        the mesh in the images.
     material : {"unlit", "lit"}, default "unlit"
-        Whether programs show the colours as stored, or light them. Baked colours contain the light of the
+        Whether programs show the colours as stored, or apply lighting. Baked colours contain the light of the
         photographs with both materials.
     lods : sequence of float, or str, optional
         Levels of detail: falling shares of the faces, such as (0.5, 0.25, 0.1) or "0.5,0.25,0.1".
@@ -176,20 +176,20 @@ def bake(
         The number of steps of each search: a quarter of the normal number, the normal number, or 2.5 times
         as many. The result does not depend on the speed or the load of the machine.
     seconds : float, optional
-        Upper limit of the time to move fitted triangles, no limit by default. A surface takes about 1.5 times
-        `seconds` in total. Fitted triangles and a surface together take about 2 times `seconds`. Each level
-        of detail adds `seconds` to the total time. A note reports the number of skipped steps. The result
-        then depends on the speed of the machine. If `seconds` is 0, triangles move by a single step, and the
-        face selection still runs. The time for `collision` is not included.
+        Upper limit of the time to move fitted triangles. By default, there is no limit. A surface takes about
+        1.5 times `seconds` in total. Fitted triangles and a surface together take about 2 times `seconds`.
+        Each level of detail adds `seconds` to the total time. A note reports the number of skipped steps. The
+        result then depends on the speed of the machine. If `seconds` is 0, triangles move by a single step,
+        and the face selection still runs. The time for `collision` is not included.
     seed : int, default 0
         Seed of the search. Without a limit of `seconds`, bakes with one seed on one device have the same
         result.
     truth : path-like, optional
-        A mesh of the true surface, in the coordinates of the model. With `truth`, the report has the
-        differences of the normals and depths (`msb.bake.shape`).
+        A mesh of the true surface, in the coordinates of the model. With `truth`, the report contains the
+        differences of normals and depths from the true surface (`msb.bake.shape`).
     up : str, optional
-        The direction that is up, an axis such as "+z" or "X,Y,Z", for generated views and in mesh files.
-        Default: the up direction of the asset, else an estimate from the cameras of the scene.
+        The up direction for generated views and in mesh files: an axis such as "+z", or "X,Y,Z". Default: the
+        up direction of the asset, else an estimate from the cameras of the scene.
     scale : float, optional
         The length of the scene's unit in metres. With `scale`, mesh files are written in metres.
     known_distance : (str, str, str), optional
@@ -243,7 +243,7 @@ def bake(
             attempt, supervisions, supervision_notes = make_best_attempt(inputs, settings, stack, stopped)
             views, source, pipeline = attempt.views, attempt.source, attempt.pipeline
             mesh, choice = attempt.mesh, attempt.choice
-            # All stages compute in float32, so they use coordinates relative to the origin of the model.
+            # All stages compute in float32 and use coordinates relative to the origin of the model.
             origin = model.manifest.origin
             model = without_origin(model)
             report_progress("measuring", 0, 1)
@@ -308,7 +308,7 @@ def bake(
 def _measure_shape(
     mesh: Mesh, views: BakeViews, settings: BakeOptions, origin: Origin, device: str | None
 ) -> ShapeReport | None:
-    """Return the shape of a connected mesh in the test views, or in all views without test views.
+    """Return the shape of a connected mesh in the test views. Without test views, use all views.
 
     The mesh and the views are relative to `origin`.
     """

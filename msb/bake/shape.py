@@ -22,10 +22,10 @@ from msb.render import Renderer
 from msb.scenes import Camera
 from msb.topology.faces import face_vectors
 
-# Angle in degrees above which an edge is a crease, and above which a pixel's normal counts as wrong.
+# An edge is a crease above this angle in degrees. A pixel's normal counts as wrong above the same angle.
 SHARP = 30.0
-# If two depths differ by more than this share of the size, the pixel shows different parts. Pixels that show
-# different parts are excluded.
+# If the depths of two surfaces at a pixel differ by more than this share of the size, the pixel shows
+# different parts. Pixels that show different parts are excluded.
 _MAX_DEPTH_SHARE = 0.05
 # The size is measured with a box that excludes this percentage of the visible points at each side.
 _TRIM_PERCENT = 1.0
@@ -42,7 +42,7 @@ class Bending:
         and A is the area of a visible face. l is the length of an edge, and the angle in radians is between
         the normals of its faces. The true surfaces of the demo models have a bending of 5 to 6.
     creases : float
-        S sum(l) / sum(A), where only edges with an angle above 30 degrees are summed.
+        S sum(l) / sum(A), over the edges with an angle above 30 degrees only.
     """
 
     bending: float
@@ -83,7 +83,7 @@ class TrueShape:
 
 
 def measure_bending(points: Floats, faces: Ints, visible: Mask, size: float = 1.0) -> Bending:
-    """Return the bending of the faces (F, 3) that are `visible` (F,). Vertices at one place are joined.
+    """Return the bending of the `visible` (F,) faces (F, 3). Vertices at one place are joined.
 
     The argument `size` is the size S of the visible part in scene units. The ratio of two bendings does not
     depend on the size.
@@ -202,7 +202,8 @@ class _View:
         """Return the vertex normals, interpolated at the pixels `rows`, as unit vectors (n, 3)."""
         faces = mesh.faces[self.face[rows]]
         a, b, c = mesh.vertices.astype(np.float64)[faces].transpose(1, 0, 2)
-        # Barycentric coordinates (n, 3) of the visible points, from the areas of the three parts of a face.
+        # Compute barycentric coordinates (n, 3) of the visible points from the areas of the three parts of a
+        # face.
         point = self.points(camera, rows)
         whole = np.cross(b - a, c - a)
         square = np.maximum((whole * whole).sum(axis=1), 1e-300)
@@ -254,7 +255,7 @@ def _unit(vectors: Floats) -> Floats:
 
 
 def _turn_to(normals: Floats, rays: Floats) -> Floats:
-    """Return the normals (n, 3), reversed if they point along the camera `rays` (n, 3)."""
+    """Return the normals (n, 3). Normals that point along the camera `rays` (n, 3) are reversed."""
     away = (normals * rays).sum(axis=1, keepdims=True) > 0
     return np.where(away, -normals, normals)
 

@@ -89,7 +89,7 @@ class Soup:
     def from_mesh(cls, mesh: Mesh, *, share_colors: bool) -> Self:
         """Return the faces of `mesh` as a soup, grey if the mesh has no vertex colours.
 
-        With `share_colors`, all corners at one vertex have one colour, unless `mesh` is a soup.
+        With `share_colors`, all corners at a vertex have the same colour, unless `mesh` is a soup.
         """
         corners = np.ascontiguousarray(mesh.vertices[mesh.faces], np.float32)
         colors = np.full(corners.shape, 0.5, np.float32)
@@ -115,7 +115,7 @@ class Soup:
         renderer.update(self.corners, self.colors, self.selected)
 
     def fit_colors(self, sums: FaceSums) -> None:
-        """Set the colours of the selected faces by least squares from the sums over their pixels."""
+        """Fit the colours of the selected faces by least squares, from the sums over their pixels."""
         if self.shared is None:
             self.colors = color_fit.fit_soup_colors(sums, self.colors, self.selected)
             return
@@ -128,7 +128,7 @@ class Soup:
 
     @cached_property
     def _laplacian(self) -> csr_matrix:
-        """The Laplacian of the edges between shared vertices. A search does not change this Laplacian."""
+        """The Laplacian of the edges between shared vertices."""
         assert self.shared is not None
         return color_fit.make_edge_laplacian(self.shared, int(self.shared.max()) + 1)
 
@@ -145,7 +145,7 @@ class Soup:
         return renderer.measure_error()
 
     def apply_to(self, mesh: Mesh) -> Mesh:
-        """Return the original mesh of this soup with these vertex colours and only the selected faces."""
+        """Return the original mesh with the given vertex colours, and only with the selected faces."""
         colors = np.full((len(mesh.vertices), 3), 0.5, np.float32)
         colors[mesh.faces.reshape(-1)] = self.colors.reshape(-1, 3)
         return with_faces(replace(mesh, vertex_colors=colors), self.selected)

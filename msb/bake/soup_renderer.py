@@ -1,7 +1,4 @@
-"""Standard-tier renderers that draw a soup and compare the images with target images on the device.
-
-Sums over the pixels of each face determine its best colours and the gradient of the error.
-"""
+"""Standard-tier renderers that draw a soup and compare the images with target images on the device."""
 
 from __future__ import annotations
 
@@ -44,7 +41,7 @@ class FaceSums(NamedTuple):
     sums: Singles
     # (F,) the largest number of pixels of each face in a single view.
     max_pixels: NDArray[np.uint32]
-    # (F, 3, 3) the derivative of the squared error with respect to each corner position, per unit of the
+    # (F, 3, 3) the derivatives of the squared error with respect to the corner positions, per unit of the
     # scene.
     gradients: Singles
 
@@ -190,13 +187,12 @@ class SoupRenderer(SupervisedRenderer):
 
     @in_turn
     def measure_changes(self, owner: NDArray[np.int32], proposals: int) -> Floats:
-        """For each stored view and each proposal, return the increase of the squared error that the proposal
-        causes.
+        """Return the increase of the squared error that each proposal causes in each stored view.
 
         `owner` (F,) is the index of each face's proposal, or -1. A change of a pixel is assigned to two
         proposals: the proposal of its face before the change, and the proposal of its face after the change.
-        If the two proposals differ, each proposal gets one half. The result (views, proposals) is in squared
-        differences of colours in [0, 1], summed over channels and pixels.
+        If the two proposals differ, half of the change is assigned to each proposal. The result (views,
+        proposals) is a sum of squared colour differences in [0, 1] over channels and pixels.
         """
         views = len(self._numbers)
         owners = self._scratch("owner", self._count, np.int32)
@@ -230,5 +226,5 @@ class SoupRenderer(SupervisedRenderer):
         return total / count
 
     def pixels_per_face(self, faces: int) -> float:
-        """Return the number of pixels of an average view per face, for this number of `faces`."""
+        """Return the average number of pixels of a view per face, for this number of `faces`."""
         return self.pixels / max(1, len(self.images)) / max(1, faces)

@@ -21,9 +21,9 @@ _NEAR_RADIUS = 0.5
 # An object's box may exclude this percentage of the visible points at each side, because some faces are
 # stray.
 _TRIM_PERCENT = 0.1
-# The focus is the point nearest to all camera axes. The point is the solution of a linear system of
-# equations. Camera axes count as parallel if the system is badly conditioned. The limit applies to its
-# smallest eigenvalue divided by the number of cameras.
+# The focus is the point nearest to all camera axes. This point is the solution of a linear system of
+# equations. Camera axes count as parallel if the system is badly conditioned. The limit applies to the
+# smallest eigenvalue of the system, divided by the number of cameras.
 _MIN_CONDITIONING = 1e-3
 # Smallest distance of the focus in front of the cameras. The value is relative to the distance of the
 # visible points. If all cameras are at one place, their axes meet there, and the focus is invalid.
@@ -68,7 +68,7 @@ class Space:
         focus = _find_focus(cameras, _MIN_AHEAD * offset)
         center = np.median(points, axis=0) if focus is None else focus
         distance = float(np.median(np.linalg.norm(at - center, axis=1)))
-        # If the cameras turn in one place, their distances do not indicate the size of the scene.
+        # If all cameras are at one place, their distances do not indicate the size of the scene.
         is_inside = focus is None and distance < _INSIDE_DISTANCE * offset
         distance = offset if is_inside else distance
         if is_inside or (np.linalg.norm(points - center, axis=1) > distance).mean() > _SCENE_SHARE:
@@ -132,7 +132,7 @@ def _find_focus(cameras: Sequence[Camera], ahead: float) -> Floats | None:
 
     Return None if the point is less than `ahead` in front of a camera.
     """
-    # Solve a least-squares system. Its matrix (3, 3) is the sum of the projections perpendicular to each
+    # Solve a least-squares system. The matrix (3, 3) is the sum of the projections perpendicular to each
     # camera axis.
     at = np.stack([camera.center for camera in cameras])
     axes = np.stack([camera.world_to_camera[2, :3] for camera in cameras])

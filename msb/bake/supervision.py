@@ -55,7 +55,7 @@ class Attempt:
 def make_best_attempt(
     inputs: BakeInputs, options: BakeOptions, stack: ExitStack, stopped: Callable[[], bool]
 ) -> tuple[Attempt, dict[str, float], list[str]]:
-    """Return the attempt with the better supervision, the validation PSNRs in dB, and notes.
+    """Return the attempt with the better supervision. Also return the validation PSNRs in dB, and notes.
 
     The PSNR values refer to photographs. The mapping is empty unless two supervisions were tried. The exit
     stack `stack` closes the image sources and the pipelines.

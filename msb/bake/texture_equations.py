@@ -21,19 +21,18 @@ if TYPE_CHECKING:
 
     from msb.cl import Buffer, Device
 
-# Weight of the squared difference between the changes of two neighbouring texels, relative to a pixel. A
-# weight of this size spreads changes to texels without pixels, and has little influence on texels with
-# pixels.
+# Weight of the squared difference between the changes of two neighbouring texels. A pixel has the weight 1. A
+# weight of this size has little influence on texels with pixels. Changes spread to texels without pixels.
 SMOOTHNESS = 0.5
 # Number of conjugate-gradient steps. Few steps suffice, because the initial texture is near the solution.
 # Each conjugate-gradient step needs a pass over all texels.
 STEPS = 15
-# A channel is solved if its squared residual is at most this value.
+# A channel is solved if its squared residual is not larger than this value.
 _ZERO = 1e-12
 # Work-items of a work-group.
 _GROUP = 64
-# Number of texels that one work-item adds up, and number of work-items in a work-group for this sum. Sums are
-# reproducible, because a work-item adds up the same texels on every device.
+# A work-item adds up this number of texels. The second value is the number of such work-items in a
+# work-group. Sums are reproducible, because a work-item adds up the same texels on every device.
 _RUN, _RUN_GROUP = 64, 8
 
 
@@ -70,7 +69,8 @@ class TextureEquations(OnDevice):
 
     @in_turn
     def add_smoothness(self, chart: NDArray[np.int32]) -> None:
-        """Couple the changes of neighbouring texels that have the same number in `chart` (size, size)."""
+        """Couple the changes of neighbouring texels in the same chart. `chart` (size, size) is the chart of
+        each texel."""
         charts = self._device.upload(chart, "bake charts")
         settings = np.float32(SMOOTHNESS), np.int32(self.size)
         self._kernels.tie(chart.size, _GROUP, charts, *settings, self.stencils, np.uint32(chart.size))
@@ -126,7 +126,7 @@ class TextureEquations(OnDevice):
 
 
 def _sum_partial(partial: Buffer) -> Floats:
-    """Return the sums (3,) of red, green and blue over all partial sums."""
+    """Return the sums (3,) of red, green and blue from all partial sums."""
     total: Floats = partial.read()[:, :3].sum(axis=0, dtype=np.float64)
     return total
 

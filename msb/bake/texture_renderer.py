@@ -15,7 +15,7 @@ from msb.render.device_scope import in_turn
 
 # Number of work-items in a work-group for pixels, and for rows of texels, which are fewer.
 _GROUP, _ROW_GROUP = 64, 8
-# Number of floats per face in bake_texture.cl. These values store the linear forms of the face's texture
+# Number of floats per face in bake_texture.cl. These values are the coefficients of the face's texture
 # coordinates, and the bounds.
 _FACE_FLOATS = 16
 

@@ -19,7 +19,8 @@ from msb.meshes.mesh import Mesh
 def fit_vertex_colors(mesh: Mesh, images: ViewImages, device: str | Device | None) -> Mesh:
     """Return `mesh` with the vertex colours that fit the images best. Unseen vertices keep their colours.
 
-    A cut edge stores a vertex twice, as two copies. Copies with the same colour must keep equal colours.
+    A cut edge stores a vertex twice, as two copies. If two copies have the same colour, their fitted colours
+    must be equal as well.
     """
     soup = Soup.from_mesh(mesh, share_colors=True)
     if soup.shared is not None and mesh.vertex_colors is not None:
@@ -30,7 +31,7 @@ def fit_vertex_colors(mesh: Mesh, images: ViewImages, device: str | Device | Non
 
 
 def _merge_equal_colors(mesh: Mesh, colors: NDArray[Any]) -> Ints:
-    """Return, for each vertex (V,), the index of its first copy with the same colour."""
+    """For each vertex (V,), return the index of its first copy with the same colour."""
     first = np.arange(len(mesh.vertices))
     seams = find_color_seams(mesh.vertices, mesh.faces)
     if seams is not None:

@@ -48,8 +48,8 @@ _MIN_VIEWS_TO_SPLIT = 3
 # If there are fewer views than this, interpolated views are added. With few views, optimised triangles cause
 # artefacts of up to 6 dB in other views.
 _ENOUGH_VIEWS = 40
-# Largest number of interpolated views per training view after the first training view. Between few views,
-# only a few interpolated views are useful.
+# Largest number of interpolated views per training view. The first training view is not counted. Between few
+# views, only a few interpolated views are useful.
 _MAX_INTERPOLATED = 8
 
 
@@ -64,7 +64,7 @@ class BakeViews:
         between results. Test views are held out for the final measurement. A single view is a training view.
         With fewer than three training views, there is no validation view.
     interpolated : tuple of Camera
-        Additional training views between the other views, if there are few views.
+        Additional training views between the other views. Views are only added if there are few views.
     origin : {"scene", "given", "training", "turntable", "inside", "both"}
         Where the views come from. "training": cameras found in the folder of the model.
     description : str

@@ -94,9 +94,9 @@ def convert(
     form : {"packed", "folder"}, optional
         The form of a `.triasset`. Default: packed.
     up : str, optional
-        The direction that points up in `source`: an axis such as "-y", or "X,Y,Z". A mesh file is rotated so
-        that +y points up; a `.triasset` records the direction instead. Default: no rotation; for `.glb` and
-        USD the up axis of `source`, if known.
+        The direction that points up in `source`, an axis such as "-y" or "X,Y,Z". A mesh file is rotated so
+        that +y points up. A `.triasset` records the direction instead. The default is no rotation. For `.glb`
+        and USD, the default is the up axis of `source`, if known.
     scale : float, optional
         The length of the unit of `source` in metres. With `scale`, mesh files are written in metres.
     known_distance : (str, str, str), optional

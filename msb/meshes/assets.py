@@ -27,7 +27,8 @@ from msb.meshes.writing import as_float32, as_local, check_indices, check_writab
 
 
 class MeshBuffers(NamedTuple):
-    """The asset buffers of a mesh, their domains, the appearance for the manifest, and the origin."""
+    """The asset buffers of a mesh, the domains of the buffers, the appearance for the manifest, and the
+    origin."""
 
     buffers: dict[str, NDArray[Any]]
     domains: dict[str, Domain]
@@ -165,7 +166,7 @@ def align_baked(baked: Asset, asset: Asset) -> Asset:
 
 
 def with_vertex_colors(mesh: Mesh) -> Mesh:
-    """Return `mesh` with vertex colours instead of face colours, for formats without face colours.
+    """Return `mesh` with vertex colours instead of face colours. Some formats have no face colours.
 
     A vertex is split if its faces have different colours.
     """
@@ -181,7 +182,7 @@ def fit_to_format(mesh: Mesh, suffix: str, *, is_upright: bool = False) -> Mesh:
     become vertex colours if the format has no textures. The mesh is in metres if its unit is known. A mesh
     with a known up axis is rotated so that +y is up. The rotation requires a format with an up axis, or
     `is_upright`. If the format cannot share vertices between faces, every face gets three separate vertices.
-    Coordinates are rounded to the number type of the format.
+    Coordinates are rounded to the precision of the format.
     """
     mesh = replace(mesh, vertex_keys=None, corner_keys=None)  # files are written without these attributes
     form = FORMATS[suffix]
@@ -205,7 +206,8 @@ def fit_to_format(mesh: Mesh, suffix: str, *, is_upright: bool = False) -> Mesh:
 
 
 def with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
-    """Return `mesh` with only the faces in the mask `keep` (F,) and their vertices, in the same order."""
+    """Return `mesh` with the faces in the mask `keep` (F,) and the vertices of these faces, in the same
+    order."""
     faces = mesh.faces[keep]
     used = np.zeros(len(mesh.vertices), bool)
     used[faces] = True

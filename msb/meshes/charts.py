@@ -1,4 +1,4 @@
-"""Convert textures for formats that store UVs per vertex, or that have only vertex colours."""
+"""Convert textures for formats that store UVs per vertex, and for formats with vertex colours only."""
 
 from dataclasses import replace
 from typing import Any
@@ -110,7 +110,7 @@ def without_textures(mesh: Mesh) -> Mesh:
 
 
 def with_sampled_colors(mesh: Mesh) -> Mesh:
-    """Return `mesh` with vertex colours sampled from its textures, and without textures.
+    """Return `mesh` without textures. The vertex colours are sampled from the textures.
 
     The colour of a vertex is the average over its corners, in linear light, weighted by face area. The colour
     of a corner is the texture colour, filtered to the size of the face. Alpha is multiplied with the vertex
@@ -153,7 +153,7 @@ def _sample_corners(mesh: Mesh, uvs: NDArray[np.float64]) -> NDArray[np.float32]
     inside = uvs + _INWARDS * (uvs.mean(axis=1, keepdims=True) - uvs)
     for number, image in enumerate(mesh.textures):
         shows = slice(None) if mesh.face_textures is None else mesh.face_textures == number
-        # Choose the mip level by the area of each face in texels.
+        # Choose the mip level from the area of each face in texels.
         size = np.array(image.shape[1::-1])
         first, second = (((uvs[shows, k] - uvs[shows, 0]) * size).T for k in (1, 2))
         texels = np.abs(first[0] * second[1] - first[1] * second[0]) / 2

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import LINEAR, linear_to_srgb, srgb_to_linear
 
-# Floats in [0, 1] with a smaller difference are equal, because other programs write rounded decimals.
+# Two floats in [0, 1] count as equal if their difference is smaller, because other programs write rounded
+# decimals.
 _SAME = 1e-6
 
 
@@ -62,8 +63,8 @@ def linear_light(colors: NDArray[Any]) -> NDArray[np.float32]:
 def srgb_colors(linear: NDArray[Any], most: int = 0) -> NDArray[Any]:
     """Return linear colours (N, 3 | 4), uint8 or float32, as sRGB. Alpha is unchanged.
 
-    The sRGB colours are uint8 if bytes represent all given values exactly, else float32. If `most` is 65535,
-    float colours were uint16 values in the file.
+    The sRGB colours are uint8 if bytes represent all given values exactly. Otherwise, the sRGB colours are
+    float32. If `most` is 65535, the float colours were stored as uint16 values in the file.
     """
     if linear.dtype == np.uint8:
         stored, most = linear, 255

@@ -74,7 +74,7 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
 
 
 def _shorten_left_out(mesh: Mesh) -> Mesh:
-    """Return `mesh` with a shortened `left_out`, which contains the first entries and the number of other
+    """Return `mesh` with a shortened `left_out`. The list contains the first entries and the number of other
     entries.
     """
     first, more = mesh.left_out[:_MAX_LEFT_OUT], len(mesh.left_out) - _MAX_LEFT_OUT
@@ -146,7 +146,7 @@ def write_whole(
 
     Either all files are written or no file is written.
 
-    The function `check_companion` may reject the path of an additional file before anything is written.
+    Before anything is written, the function `check_companion` may reject the path of an additional file.
     Raises the errors of `write_mesh` and `new_files`.
     """
     style = replace(style or Style(), stem=path.stem)

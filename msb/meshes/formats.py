@@ -27,15 +27,15 @@ class Web:
     Attributes
     ----------
     quarters : int
-        Position precision in quarters of a bit: the grid has about 2 ** (quarters / 4) steps along the
+        Position precision in quarters of a bit. The grid has about 2 ** (quarters / 4) steps along the
         longest side of the bounding box. 88 is about the precision of float32.
     levels : float, optional
         Largest colour error in levels of 8-bit sRGB. Colours are stored as 16-bit linear light, rounded to as
         few significant bits as this error allows. The value None stores colours as 8-bit linear light, with
         errors of up to 6 levels in dark colours.
     by_distance : bool
-        For triangle soups: use a finer grid for faces near the centre of the scene and a coarser grid far
-        away, instead of one grid.
+        For triangle soups, use a finer grid for faces near the centre of the scene, and a coarser grid far
+        away.
     """
 
     quarters: int = 64
@@ -54,7 +54,7 @@ class Style:
     texture : {"png", "jpeg", "webp"}
         The image format of textures.
     web : Web, optional
-        For GLB: the precision of a compressed file, whose rows are reordered. The value None gives an
+        For GLB, the precision of a compressed file, whose rows are reordered. The value None gives an
         uncompressed file, which every program can read.
     stem : str, optional
         The file name, without suffix, of additional files such as materials and images. With None, additional

@@ -39,7 +39,7 @@ _WRAPS = {"repeat": 10497, "clamp": 33071, "mirror": 33648}
 
 @dataclass(frozen=True)
 class Primitive:
-    """A primitive: its vertex attributes (V, K) by name, its faces (F, 3), and the number of its texture.
+    """A primitive: its vertex attributes (V, K) by name, its faces (F, 3), and the index of its texture.
 
     Without faces, every three vertices are a face.
     """
@@ -58,7 +58,7 @@ class GlbBuilder:
     size: int = 0
 
     def add(self, key: str, entry: dict[str, Any]) -> int:
-        """Append an object to the array `key` of the JSON. Return the object's index."""
+        """Append an object to the array `key` of the JSON. Return the index of the object."""
         self.root.setdefault(key, []).append(entry)
         return len(self.root[key]) - 1
 

@@ -43,16 +43,16 @@ MAX_BUFFER = 1 << 40
 IDENTITY = np.eye(4)
 # The extension for Gaussian splats. A file that uses this extension is a model of Gaussians, not a mesh.
 GAUSSIANS = "KHR_gaussian_splatting"
-# Number of bytes of a file that are searched for the name of an extension.
+# Number of bytes at the start of a file in which the name of an extension is searched.
 _SEARCHED = 1 << 22
 VISIBILITY = "KHR_node_visibility"
 
 # Maximum number of nodes. Real scenes have some thousand nodes. A million nodes take a few seconds.
 MAX_NODES = 1 << 20
 
-# Memory limit for the arrays of a file: 64 bytes per byte of the file, plus 256 MiB. For each byte in the
-# file, an array needs at most 24 bytes in memory. This maximum applies to vertex indices. Only a file whose
-# nodes or primitives share arrays can exceed this limit.
+# Memory limit for the arrays of a file: 64 bytes per byte of the file, plus 256 MiB. For each byte of the
+# file, an array needs at most 24 bytes of memory. Vertex indices need this maximum. Only a file whose nodes
+# or primitives share arrays can exceed this limit.
 MAX_BYTES_PER_BYTE = 64
 MAX_EXTRA_BYTES = 1 << 28
 
@@ -73,11 +73,11 @@ class Document:
     embedded : dict
         Long data URIs. The JSON contains these keys instead: "#0", "#1", ...
     buffers : dict
-        The bytes of the buffers by number.
+        The bytes of the buffers. The key is the buffer index.
     files : dict
         The linked files that were read.
     views : dict
-        The decoded bytes of compressed buffer views by number.
+        The decoded bytes of compressed buffer views. The key is the index of the buffer view.
     packed : dict
         The decoded arrays (count, width) of compressed primitives. A key is the JSON pointer of the primitive
         and the name of the attribute.
@@ -185,7 +185,7 @@ class Document:
         return self.buffers[index]
 
     def resource(self, owner: dict[str, Any], pointer: str, most: int | None) -> bytes:
-        """Return the bytes that `owner["uri"]` refers to, limited to `most` bytes as in
+        """Return the bytes that `owner["uri"]` refers to. The number of bytes is limited to `most` as in
         `read_linked_file`.
         """
         uri, where = owner.get("uri"), f"{pointer}/uri"
@@ -456,7 +456,7 @@ def _is_finite(value: float) -> bool:
 
 @dataclass(frozen=True)
 class PlacedMesh:
-    """A mesh in the scene: its number, the JSON of its node, and the world transform (4, 4) of the node."""
+    """A mesh in the scene: its index, the JSON of its node, and the world transform (4, 4) of the node."""
 
     mesh: int
     node: dict[str, Any]
@@ -465,14 +465,14 @@ class PlacedMesh:
 
 @dataclass(frozen=True)
 class PlacedNodes:
-    """The world transforms (4, 4) of the nodes of the scene, by number, and the numbers of hidden nodes."""
+    """The world transforms (4, 4) of the nodes in the scene, and the indices of hidden nodes."""
 
     worlds: dict[int, NDArray[np.float64]]
     hidden: set[int]
 
 
 def list_placed_meshes(document: Document, nodes: PlacedNodes) -> Iterator[tuple[PlacedMesh, bool]]:
-    """Yield each mesh in the scene, in the order of nodes, and whether it is hidden."""
+    """Yield each mesh in the scene in the order of nodes. Also yield whether the mesh is hidden."""
     for index, world in sorted(nodes.worlds.items()):
         node, pointer = document.entry("nodes", index)
         if "mesh" in node:
@@ -539,7 +539,7 @@ def _find_roots(document: Document) -> tuple[list[int], int | None]:
 
 
 def parse_node_numbers(document: Document, owner: dict[str, Any], key: str, pointer: str) -> list[int]:
-    """Return the array of node numbers `owner[key]`."""
+    """Return the array of node indices `owner[key]`."""
     numbers = document.array(owner, key, pointer)
     count = len(document.array(document.root, "nodes", ""))
     for number in numbers:
@@ -550,7 +550,8 @@ def parse_node_numbers(document: Document, owner: dict[str, Any], key: str, poin
 
 
 def _parse_local_transform(document: Document, node: dict[str, Any], pointer: str) -> NDArray[np.float64]:
-    """Return the local transform (4, 4) of a node: its matrix, or translation times rotation times scale."""
+    """Return the local transform (4, 4) of a node. The transform is a matrix, or a product of translation,
+    rotation and scale."""
     if "matrix" in node:
         return document.numbers(node, "matrix", pointer, tuple(IDENTITY.ravel())).reshape(4, 4).T
     if not node.keys() & {"translation", "rotation", "scale"}:

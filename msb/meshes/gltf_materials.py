@@ -47,7 +47,8 @@ class TextureUse:
 
 @dataclass(frozen=True)
 class BaseColor:
-    """The base colour of a material is the product of `factor` (RGBA in linear light) and `texture`.
+    """The base colour of a material is the product of `factor` and `texture`. The factor is RGBA in linear
+    light.
 
     The field `cutoff` is the alpha cut-off. The value None means that alpha is ignored. The field `is_lost`
     is set if the material has a texture that cannot be read.
@@ -81,7 +82,8 @@ def read_base_color(document: Document, primitive: dict[str, Any], pointer: str)
 def _find_surface(
     document: Document, material: dict[str, Any], pointer: str
 ) -> tuple[dict[str, Any], str, tuple[str, str]]:
-    """Return the JSON object of a material's colour, its JSON pointer, and the keys of factor and texture.
+    """Return the JSON object of a material's colour, its JSON pointer, and the keys of the factor and the
+    texture.
 
     Usually, the colour of a material is the base colour of the metallic-roughness model. If the
     metallic-roughness model has no base colour, the diffuse colour of the specular-glossiness model is used.
@@ -125,7 +127,7 @@ def _parse_texture_use(document: Document, entry: dict[str, Any], pointer: str) 
     along_u, along_v = document.numbers(moved, "scale", where, (1, 1)).tolist()
     angle = document.number(moved, "rotation", where, 0.0)
     cos, sin = math.cos(angle), math.sin(angle)
-    # Scale, then rotate counter-clockwise (v points downwards), then translate.
+    # Apply the scale, then the counter-clockwise rotation (v points downwards), then the translation.
     transform = (cos * along_u, sin * along_v, u), (-sin * along_u, cos * along_v, v)
     return TextureUse(image, sampler, uv_set, transform)
 

@@ -64,8 +64,8 @@ _HARMLESS = (
     "MSFT_packing_",
     "CESIUM_primitive_outline",
 )
-# The parts of a file that only affect the appearance or movement of a mesh. An unknown extension is harmless
-# if only these parts use the extension.
+# The parts of a file that only affect the appearance or the animation of a mesh. An unknown extension is
+# harmless if only these parts use the extension.
 _LOOKS = ("materials", "textures", "images", "samplers", "animations", "cameras")
 
 # Names of unread attributes for messages, without the number of the set.
@@ -151,7 +151,7 @@ def _check_extensions(document: Document) -> None:
 
 
 def _list_extended_parts(document: Document) -> dict[str, set[str]]:
-    """For each extension, return the keys of the root object whose values use the extension.
+    """For each extension, return the keys of the root object in whose values the extension occurs.
 
     The key "" means the root object itself.
     """
@@ -194,7 +194,7 @@ def _identify_texture(document: Document, part: PrimitiveArrays, cutoff: float |
 def _decode_images(
     document: Document, parts: list[PrimitiveArrays]
 ) -> tuple[list[PrimitiveArrays], dict[Any, NDArray[np.uint8]], dict[str, None]]:
-    """Return the parts, the texels of their textures by key, and the names of unreadable images.
+    """Return the parts, the texels of their textures, and the names of unreadable images.
 
     A part whose image cannot be read has no texture in the result. If the source is read without images, no
     image is decoded.

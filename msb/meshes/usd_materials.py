@@ -54,7 +54,7 @@ class Material:
     Attributes
     ----------
     image : ImageUse, optional
-    varname, transform
+    varname, transform : str, Matrix or None
         The primvar with the image's texture coordinates, and the transform of the coordinates. None means the
         identity.
     wraps : tuple of str

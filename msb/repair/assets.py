@@ -85,9 +85,9 @@ def repair(
     asset : Asset or path-like
         The asset, or a path that `msb.open` accepts. The asset is not changed.
     plan : sequence of str, or str, optional
-        The steps in order, as a sequence or separated by commas: "orient", "pair", "cut", "drop", "weld",
-        "debris", "close", "dedupe", "outward". The steps are repeated until nothing changes. A step may have
-        numbers: "weld:0.01,orient,pair".
+        The steps in order, as a sequence or separated by commas. The names are "orient", "pair", "cut",
+        "drop", "weld", "debris", "close", "dedupe" and "outward". The steps are repeated until nothing
+        changes. A step may have numbers: "weld:0.01,orient,pair".
     weights : (F,) non-negative numbers, optional
         The weight of each face for the steps `debris` and `drop`, such as the number of pixels that it covers
         in images. Default: the face's area.

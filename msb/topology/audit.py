@@ -77,8 +77,7 @@ class Audit:
         Whether every vertex is used by exactly one face, so that V = 3F.
     counts, metrics : Counts, Metrics
     valence_histogram : dict of int to int
-        A histogram: the number of vertices for each valence (number of edges at a vertex). Vertices without
-        faces have 0 edges.
+        A histogram of the number of edges at a vertex (the valence). Vertices without faces have 0 edges.
     winding_consistent : bool
         Whether the two faces of every two-face edge run along that edge in opposite directions.
     samples : dict of str to tuple of Sample
@@ -86,8 +85,8 @@ class Audit:
     welded : Welded or None
         The result of the requested weld.
     seams : {"texture", "color", "normal", "format"} or None
-        The cause of the seams: texture coordinates, colours, attributes that are not read (such as normals),
-        or a format without shared vertices. The value is None for a mesh without seams.
+        The cause of the seams, namely texture coordinates, colours, attributes that the reader ignores (such
+        as normals), or a format without shared vertices. The value is None for a mesh without seams.
     without_seams : Audit or None
         The audit of the mesh with merged seams. The value is None for a mesh without seams.
     closed_once_merged : bool

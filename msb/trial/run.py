@@ -122,8 +122,8 @@ def trial(
     repair : sequence of str, or str, optional
         Repair the mesh with this plan, after `weld` and before all tasks; see `msb.repair`.
     cameras : sequence of Camera, optional
-        The views for judging results, at least one. Default: the training views if they are stored in the
-        same folder, else eight views around or inside the mesh (docs/cameras.md).
+        The views for judging results, at least one. The default is the training views if they are stored in
+        the same folder, else eight views around or inside the mesh (docs/cameras.md).
     limits : Limits, optional
         Time and memory limits of each library for each task. Default: 60 s and 4 GiB.
     device : str, optional

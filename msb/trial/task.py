@@ -43,7 +43,7 @@ class Attempt:
     library, modules : str, tuple of str
         The distribution name for reporting the version, and the modules that must be installed.
     work : callable
-        A function with two arguments: the mesh, and the arrays from `Task.prepare`. If the function raises an
+        A function with two arguments, the mesh and the arrays from `Task.prepare`. If the function raises an
         exception, the attempt fails for this reason.
     any_unit : bool
         True if the result does not depend on the unit of length. The function then gets the mesh as stored.
