@@ -107,8 +107,8 @@ def textures_of(asset: Asset) -> Textured | None:
     Raises
     ------
     AssetError
-        TRIASSET_VALUE_NONFINITE: a texture coordinate is not finite. TRIASSET_INDEX_OUT_OF_RANGE: a face uses
-        a texture that does not exist.
+        `TRIASSET_VALUE_NONFINITE`: a texture coordinate is not finite. `TRIASSET_INDEX_OUT_OF_RANGE`: a face
+        uses a texture that does not exist.
     """
     if not is_textured(asset):
         return None

@@ -51,8 +51,8 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
     MeshFileError
         The content is invalid: one of the MESH_FILE_ codes.
     MeshError
-        MESH_INDEX_OUT_OF_RANGE: a USD file with colours per corner has an invalid vertex index. Meshes of all
-        other formats are returned with their invalid indices.
+        `MESH_INDEX_OUT_OF_RANGE`: a USD file with colours per corner has an invalid vertex index. Meshes of
+        all other formats are returned with their invalid indices.
 
     Notes
     -----

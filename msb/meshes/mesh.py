@@ -31,13 +31,14 @@ class Mesh:
     Parameters
     ----------
     vertices : (V, 3) float32 or float64
-        Positions in the precision of the file. Positions are in metres if the file states its unit, else in
-        the unit of the file. Unused vertices and non-finite coordinates are included.
+        Positions in the precision of the file. Positions are in metres if the file states its unit.
+        Otherwise, positions are in the unit of the file. Unused vertices and non-finite coordinates are
+        included.
     faces : (F, 3) int64
         Vertex indices as stored. Indices may be out of range (negative, or V and more), which an audit
         reports.
     vertex_colors : (V, 3) or (V, 4) uint8 or float32 in [0, 1], optional
-        None if the file has no vertex colours.
+        The value is None if the file has no vertex colours.
     face_colors : (F, 3) or (F, 4) uint8 or float32 in [0, 1], optional
         One row per triangle.
     vertex_uvs : (V, 2) float32, optional
@@ -65,8 +66,8 @@ class Mesh:
         The length of the file's unit in metres. The positions were multiplied by this length. The value is
         None if the unit is unknown.
     frame : Frame, optional
-        The precise up direction, the unit and the floor of the capture that the positions belong to. None if
-        only `up` is known.
+        The precise up direction, the unit and the floor of the capture that the positions belong to. The
+        value is None if only `up` is known.
     placement : Placement, optional
         The rotation and scale of the positions for a file (`msb.meshes.placement`).
     wrong_face : str, optional
@@ -130,7 +131,8 @@ class Mesh:
 
     @property
     def attributes(self) -> dict[str, NDArray[Any]]:
-        """Arrays whose differences split vertices at seams, by the names of `msb.topology.seams`."""
+        """Maps names of `msb.topology.seams` to arrays. Vertices are split at seams where the values of an
+        array differ."""
         stored = {"uv": self.vertex_uvs, "corner_uv": self.corner_uvs, "color": self.vertex_colors}
         stored |= {SEAM_KEY: self.vertex_keys, f"corner_{SEAM_KEY}": self.corner_keys}
         stored["face_texture"] = self.face_textures
@@ -139,7 +141,7 @@ class Mesh:
 
 
 def report_left_out(mesh: Mesh) -> tuple[Finding, ...]:
-    """Return the finding that lists unread parts of the file, if there are any."""
+    """If the file has unread parts, return the finding that lists these parts."""
     if not mesh.left_out:
         return ()
     text = f"Ignored: {', '.join(mesh.left_out)}. Only triangles, their colours and textures are read"
@@ -147,7 +149,8 @@ def report_left_out(mesh: Mesh) -> tuple[Finding, ...]:
 
 
 def report_origin(mesh: Mesh) -> tuple[Finding, ...]:
-    """Return findings about coordinates that are too precise for float32: the origin, and rounding errors."""
+    """Return findings about coordinates that are too precise for float32. The findings state the origin and
+    rounding errors."""
     origin = find_origin(mesh.vertices)
     findings = []
     if any(origin):
@@ -186,8 +189,8 @@ def describe_rounding(mesh: Mesh, rounded: NDArray[Any]) -> str | None:
 def _check(
     name: str, array: NDArray[Any] | None, rows: int | None, widths: tuple[int, ...], types: tuple[type, ...]
 ) -> None:
-    """Raise MESH_ARRAY unless `array` has a valid shape and type: (`rows`, one of `widths`) and one of
-    `types`.
+    """Raise MESH_ARRAY unless `array` is valid. The valid shapes are (`rows`, one of `widths`), and the valid
+    types are `types`.
 
     If `rows` is None, the array must exist and may have any number of rows. If `rows` is given, the array may
     be None.

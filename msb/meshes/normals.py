@@ -13,7 +13,7 @@ CREASE = 45.0
 
 
 def with_smooth_normals(mesh: Mesh) -> Mesh:
-    """Return `mesh` with corner normals that are smooth on slightly bent surfaces and keep creases.
+    """Return `mesh` with corner normals. The normals are smooth on slightly bent surfaces and keep creases.
 
     The normal of a corner is an average over faces at the same place, weighted by area. The average includes
     faces whose normals differ by at most `CREASE` degrees from the normal of the corner's face. All vertices

@@ -30,7 +30,8 @@ _COLOR_WIDTHS = {6: 3, 7: 4}
 # Names of data that is not read, by the first word of the line.
 _LEFT_OUT = {b"vn": "normals", b"vt": "UVs", b"usemtl": "materials and their textures", b"l": "lines"}
 
-# First words of lines that are rejected: free-form surfaces, other files, and shell commands.
+# First words of lines that are rejected. Such lines contain free-form surfaces, other files or shell
+# commands.
 _UNSUPPORTED = (b"surf", b"call", b"csh")
 
 
@@ -181,7 +182,7 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     if not has_materials:
         write_rows(stream, form, faces)
         return
-    # Write a `usemtl` line where the material differs from the previous face.
+    # Write a `usemtl` line if the material differs from the material of the previous face.
     starts = np.flatnonzero(np.diff(of_face, prepend=-1)) if len(faces) else np.zeros(0, np.intp)
     for start, end in zip(starts, [*starts[1:], len(faces)], strict=True):
         stream.write(b"usemtl material_%d\n" % of_face[start])
@@ -201,7 +202,8 @@ def _index_coordinates(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.int6
 
 
 def companions(mesh: Mesh, style: Style) -> dict[str, bytes]:
-    """Return the additional files of an OBJ file as name -> content: the MTL file and its images."""
+    """Return the additional files of an OBJ file, as a mapping from name to content. These are the MTL file
+    and its images."""
     if not mesh.textures:
         return {}
     _, chosen, _ = choose_materials(mesh)

@@ -1,4 +1,4 @@
-"""Chooses the materials of a written OBJ file: images, and uniform colours as Kd."""
+"""Chooses the materials of a written OBJ file. A material has an image, or a uniform colour as Kd."""
 
 from dataclasses import dataclass, replace
 
@@ -17,9 +17,9 @@ _MAX_PASSES = 16
 
 @dataclass(frozen=True)
 class WrittenMaterial:
-    """A material has its sRGB colour Kd in [0, 1] and the number of its texture.
+    """A material has its sRGB colour Kd in [0, 1] and the index of its texture.
 
-    The number is None without a texture.
+    The index is None without a texture.
     """
 
     color: tuple[float, ...]
@@ -30,8 +30,8 @@ def choose_materials(mesh: Mesh) -> tuple[Mesh, list[WrittenMaterial], NDArray[n
     """Return `mesh` in the form for writing, its materials, and the index (F,) of each face's material.
 
     A texture of a single opaque texel becomes a colour. If all faces of such a texture have one vertex
-    colour, the material gets the product of both colours. The vertices then become white. Many programs
-    ignore vertex colours of textured meshes.
+    colour, the material gets the product of both colours. The vertex colours of these faces then become
+    white. Many programs ignore vertex colours of textured meshes.
     """
     textures = np.zeros(len(mesh.faces), np.int64)
     if mesh.face_textures is not None:
@@ -94,7 +94,8 @@ def _multiply(texels: NDArray[np.float64], tint: NDArray[np.float32]) -> NDArray
 
 
 def _whiten(mesh: Mesh, faces: NDArray[np.int64]) -> Mesh:
-    """Return `mesh` with white vertices in `faces` (N, 3), and without vertex colours if all are white."""
+    """Return `mesh` with white vertices in `faces` (N, 3). If all vertices are white, omit the vertex
+    colours."""
     if mesh.vertex_colors is None:
         return mesh
     colors = mesh.vertex_colors.copy()

@@ -1,4 +1,4 @@
-"""Computes seam keys of OBJ files.
+"""Computes the seam keys of OBJ files.
 
 Seam keys are computed from normals and texture coordinates, and explain duplicated positions.
 """
@@ -53,7 +53,7 @@ def _read_keys(text: Source) -> NDArray[np.uint32] | None:
             row[named] = part.indices(named, above[word] + np.cumsum(is_line), "element")
             rows[word].append(row[chosen])
             above[word] += int(is_line.sum())
-    # Compute `columns`, the values (C, 3) at each polygon corner. Corners without a line (-1) select the last
+    # Compute `columns`, the values (C, 3) at each polygon corner. Corners without a line (-1) get the last
     # row.
     columns = []
     for word, stored in values.items():

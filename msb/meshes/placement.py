@@ -20,12 +20,12 @@ from msb.errors import MsbError
 from msb.meshes.mesh import Mesh
 from msb.meshes.transform import rotate_axis, rotate_upright
 
-# Words before the JSON of a placement in comments of text files.
+# These words precede the JSON of a placement in comments of text files.
 MARK = "MeshSplatBench frame"
 # The JSON key of the placement, in `asset.extras` of glTF and in the layer data of USD.
 KEY = "frame"
 _COMMENT = re.compile(rb"^(?:#|comment) " + MARK.encode() + rb" (\{[^\r\n]{1,2000}\})\r?$", re.MULTILINE)
-# Bytes at the start of a text file that are searched for the comment.
+# The comment is searched in this number of bytes at the start of a text file.
 _MOST_BYTES = 1 << 14
 # Largest magnitude of an entry of R R^T - I for a valid rotation matrix R.
 _MAX_ERROR = 1e-6
@@ -33,8 +33,8 @@ _MAX_ERROR = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """This placement maps the capture to the file by file = scale * rotation @ capture + offset, for column
-    vectors.
+    """This placement converts coordinates of the capture to the file: file = scale * rotation @ capture +
+    offset, for column vectors.
 
     Attributes
     ----------
@@ -92,8 +92,8 @@ def place(mesh: Mesh, *, is_upright: bool) -> Mesh:
         return mesh
     axis = mesh.up if up is None else nearest_axis(up)
     if rotates and up is not None:
-        # An axis only swaps and negates coordinates, which is exact. Directions other than axes use the
-        # smallest rotation.
+        # If the up direction is an axis, coordinates are only swapped and negated, which is exact. For all
+        # other directions, the smallest rotation is used.
         columns = rotate_axis(np.eye(3), axis or "+y") if is_axis(up) else _rotate_to_y(np.array(up)).T
         rotation = np.ascontiguousarray(columns.T)
     else:
@@ -144,7 +144,8 @@ def take_back(mesh: Mesh, data: Any) -> Mesh:
 
 
 def find_comment(data: bytes) -> Any:
-    """Return the JSON data of the placement in the comments of a text file, or None."""
+    """Return the JSON data of the placement in the comments of a text file. Return None if there is no such
+    comment."""
     match = _COMMENT.search(data[:_MOST_BYTES])
     if match is None:
         return None

@@ -33,8 +33,8 @@ _KNOWN = {"nx": "normals", "ny": "normals", "nz": "normals", **dict.fromkeys(_UV
 def read(source: Source) -> Mesh:
     """Read the vertex and face elements. Other elements and properties are skipped.
 
-    Vertices are float32 if a binary file stores x, y and z as float, else float64. Text is always read as
-    float64 and keeps all digits, independent of the declared type.
+    Vertices are float32 if a binary file stores x, y and z as float. Otherwise, vertices are float64. Text is
+    always read as float64 and keeps all digits, independent of the declared type.
     """
     header = read_header(source)
     _check_elements(source, header)
@@ -127,7 +127,7 @@ def _write_records(
 
 
 def _hash_unread(vertices: Rows, body: Body, read: set[str]) -> NDArray[np.uint32] | None:
-    """Return the seam keys (V,) from the vertex properties that are not in `read`.
+    """Return the seam keys (V,). The keys are computed from the vertex properties that are not in `read`.
 
     Return None if all properties are in `read`.
     """

@@ -54,7 +54,8 @@ class Body(Protocol):
         """Raise MESH_FILE_INVALID if data follows after the last element."""
 
     def column(self, rows: Rows, name: str) -> NDArray[Any]:
-        """Return the values (N,) of a scalar property: float64 for text, else the type in the file."""
+        """Return the values (N,) of a scalar property. The values are float64 for text, and have the type in
+        the file for binary data."""
 
     def indices(self, rows: Rows, name: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the lengths (N,) of a list property in all rows, and the concatenated integers (C,)."""
@@ -144,7 +145,7 @@ class _BinaryBody(Body):
         return overlapping[place].astype(kind)
 
     def _common_row_size(self, element: Element) -> int | None:
-        """Return the size of a row in bytes if all rows have equal list lengths, else None."""
+        """If all rows have equal list lengths, return the size of a row in bytes. Otherwise return None."""
         data, start, at = self._source.data, self._at, self._at
         # Measure the first row: the offset, the length and the count type of each list.
         lists: list[tuple[int, int, str]] = []

@@ -90,8 +90,8 @@ def _read_text(text: Source) -> NDArray[Any]:
 
 
 def _classify_lines(words: Words) -> NDArray[np.uint8]:
-    """Return a keyword code for each line (L,), from the first word of the line. The code is 0 if the word is
-    not a keyword."""
+    """Return a keyword code for each line (L,). The code depends on the first word of the line. The code is 0
+    if the word is not a keyword."""
     codes = np.zeros(len(words.first), dtype=np.uint8)
     for keyword, code in _CODES.items():
         codes[words.lines_beginning(keyword)] = code
@@ -115,7 +115,7 @@ def _check_order(text: Source, codes: NDArray[np.uint8], places: NDArray[np.int6
     offsets of the lines.
     """
     between = codes >= _CODES[b"solid"]
-    # Every face must consist of these lines in this order, except for "solid" and "endsolid" lines.
+    # Except for "solid" and "endsolid" lines, every face must consist of these lines in this order.
     in_faces = np.flatnonzero(~between)
     expected = np.resize(_FACE_CODES, len(in_faces))
     wrong = in_faces[codes[in_faces] != expected]

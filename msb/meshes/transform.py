@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from msb.meshes.colors import linear_light
 from msb.meshes.mesh import Mesh
 
-# Rotations that turn an up axis to +y. For each new axis x, y and z, an entry has the index and the sign of
-# the old axis. Each of the rotations has determinant +1.
+# Rotations that turn an up axis to +y. An entry describes the new axes x, y and z. Each value is the index
+# and the sign of an old axis. Each of the rotations has determinant +1.
 _UPRIGHT: dict[str, tuple[tuple[int, int], ...]] = {
     "+y": ((0, 1), (1, 1), (2, 1)),
     "-y": ((0, 1), (1, -1), (2, -1)),

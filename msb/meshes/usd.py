@@ -150,7 +150,7 @@ def _read_image(source: Source, name: str) -> bytes:
     try:
         with zipfile.ZipFile(io.BytesIO(source.data)) as archive:
             about = archive.getinfo(name)
-            # USD packages are not compressed. Therefore an image in a package cannot be larger than the file.
+            # USD packages are not compressed. An image in a package therefore cannot be larger than the file.
             if about.compress_type == zipfile.ZIP_STORED:
                 return archive.read(about)
     except (KeyError, zipfile.BadZipFile, OSError, RuntimeError, NotImplementedError):

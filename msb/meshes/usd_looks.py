@@ -1,6 +1,6 @@
 """Splits a textured mesh into groups of faces that one UsdPreviewSurface material can show.
 
-A UsdPreviewSurface material shows either an image multiplied with one colour, a single colour, or the primvar
+A UsdPreviewSurface material shows an image multiplied with one colour, or a single colour, or the primvar
 `displayColor`. A UsdPreviewSurface material cannot multiply an image with colours that vary between vertices.
 """
 
@@ -88,7 +88,7 @@ def corner_light(mesh: Mesh) -> NDArray[np.float32]:
 
 
 def encode_used_images(mesh: Mesh, style: Style) -> dict[str, bytes]:
-    """Return the image files that the materials use, as file name -> content."""
+    """Return the image files that the materials use, as a mapping from file name to content."""
     numbers = np.zeros(len(mesh.faces), np.uint32) if mesh.face_textures is None else mesh.face_textures
     has_faces = np.isin(np.arange(len(mesh.textures)), numbers)
     used = [

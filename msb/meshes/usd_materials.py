@@ -16,10 +16,11 @@ _WRAPS = {"clamp": "clamp", "black": "clamp", "mirror": "mirror"}
 # The diffuse colour of UsdPreviewSurface if a material sets none.
 _DEFAULT_COLOR = (0.18, 0.18, 0.18)
 _BLACK, _ONES, _ZEROS = (0.0, 0.0, 0.0), (1.0,) * 4, (0.0,) * 4
-# Longest chain of UsdTransform2d nodes that is followed. Malicious files may connect UsdTransform2d nodes in
-# a circle.
+# Longest chain of UsdTransform2d nodes that the reader follows. Malicious files may connect UsdTransform2d
+# nodes in a circle.
 _MAX_TRANSFORMS = 16
-# UsdPreviewSurface inputs that cannot be read if a shader computes their values, with names for messages.
+# Maps inputs of UsdPreviewSurface to names for messages. These inputs cannot be read if a shader computes
+# their values.
 _OTHER_MAPS = {
     "normal": "normal maps",
     "occlusion": "occlusion maps",
@@ -48,8 +49,8 @@ class ImageUse:
 class Material:
     """The colour of a USD material.
 
-    If an image exists, the colour comes from the image. Otherwise, the colour is the uniform colour. Without
-    a uniform colour, the colour is the primvar.
+    If an image exists, the colour comes from the image. Without an image, the colour is the uniform colour.
+    Without a uniform colour, the colour is the primvar.
 
     Attributes
     ----------
@@ -82,7 +83,7 @@ UNBOUND = Material(primvar="displayColor")
 
 
 class _Source(NamedTuple):
-    """The source of an input: a shader and the name of its output, a value, or nothing."""
+    """The source of an input is a shader and the name of its output, or a value, or nothing."""
 
     shader: Any = None
     output: str = ""
@@ -174,7 +175,8 @@ class MaterialReader:
         return Material(image, varname, transform, (u, v), cutoff, color)
 
     def _read_coordinates(self, reader: Any) -> tuple[str, Matrix | None]:
-        """Return the primvar with the coordinates of a texture reader, and their transform."""
+        """Return the primvar with the coordinates of a texture reader, and the transform of the
+        coordinates."""
         transform = np.eye(3)
         shader = self._follow(reader, "st").shader
         for _ in range(_MAX_TRANSFORMS):
@@ -223,7 +225,7 @@ class MaterialReader:
         return str(getattr(file, "path", file) or "")
 
     def _follow(self, shader: Any, name: str) -> _Source:
-        """Return the source of the input `name` of a shader.
+        """Find the source of the input `name` of a shader.
 
         Connections through interfaces of materials and node graphs are followed.
         """
@@ -251,14 +253,14 @@ def _color(value: Any, default: Vector) -> Vector:
 def _vector(value: Any, default: Vector) -> Vector:
     """Return `value` as finite numbers.
 
-    Return `default` if `value` is missing, not finite or of another length.
+    If `value` is missing, not finite or of another length, return `default`.
     """
     numbers = list_numbers(value)
     return numbers if len(numbers) == len(default) and np.isfinite(numbers).all() else default
 
 
 def _number(value: Any, default: float) -> float:
-    """Return `value` as a finite number. Return `default` if `value` is missing or not a finite number."""
+    """Return `value` as a finite number. If `value` is missing or not a finite number, return `default`."""
     return _vector(value, (default,))[0]
 
 

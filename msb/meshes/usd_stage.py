@@ -13,7 +13,7 @@ from msb.meshes.polygons import join_faces, triangulate
 from msb.meshes.usd_materials import UNBOUND, ImageUse, Material, MaterialReader, list_numbers, unite_textures
 
 Floats = NDArray[np.float32]
-# A domain ("constant", "vertex", "face", "corner") and its values (n, width).
+# A domain ("constant", "vertex", "face" or "corner"), and values (n, width) for this domain.
 Values = tuple[str, Floats]
 
 # Maps the interpolation of a primvar to the domain of its values. Every other interpolation means one value
@@ -26,7 +26,7 @@ class _PrimArrays:
     """The triangles of a mesh prim with their colours, UVs and textures.
 
     The fields `colors` (linear light) and `uvs` are None if the prim does not define them. The field
-    `textures` (F,) contains image numbers. The field `normals` is only used to explain duplicated vertices.
+    `textures` (F,) contains image indices. The field `normals` is only used to explain duplicated vertices.
     """
 
     points: NDArray[Any]
@@ -274,14 +274,15 @@ class _Reader:
     def _read_materials(
         self, mesh: Any, count: int, polygon: NDArray[np.int64]
     ) -> list[tuple[Material, NDArray[np.int64]]]:
-        """Return the materials that the triangles of a mesh use, each with the numbers of its triangles.
+        """Return the materials that the triangles of a mesh use. Each material has the indices of its
+        triangles.
 
         The mesh has `count` polygons. The argument `polygon` (F,) is the polygon of each triangle.
         """
         from pxr import UsdGeom, UsdShade
 
-        # Compute `owner` (P,), the material of each polygon. The material of a polygon comes from its subset,
-        # or else from the prim.
+        # Compute `owner` (P,), the material of each polygon. The material of a polygon comes from the subset
+        # of the polygon. Without a subset, the material comes from the prim.
         numbers = {self._materials.find(mesh.GetPrim()): 0}
         owner = np.zeros(count, np.int64)
         kind = UsdShade.Tokens.materialBind
@@ -318,7 +319,7 @@ class _Reader:
 
 
 def _choose_color(material: Material, read: Callable[[str, int], Values | None]) -> Values | None:
-    """Return the colours that a material gives to a prim, or None for white."""
+    """Return the colours that a material gives to a prim. Return None if the colours are white."""
     values = None if material.primvar is None else read(material.primvar, 3)
     if values is None and material.color is not None:
         return "constant", np.array([material.color], np.float32)

@@ -80,7 +80,7 @@ def _build_stage(mesh: Mesh, images: list[str], style: Style) -> Any:
 
 
 def _add_mesh(stage: Any, path: str, mesh: Mesh) -> Any:
-    """Define a mesh prim with the triangles of `mesh` at `path`, and return it."""
+    """Define a mesh prim with the triangles of `mesh` at `path`. Return the prim."""
     from pxr import Gf, UsdGeom, Vt
 
     prim = UsdGeom.Mesh.Define(stage, path)
@@ -245,7 +245,7 @@ def _add_texture(
 
 
 def _add_shader(stage: Any, path: str, name: str, **inputs: tuple[Any, Any]) -> Any:
-    """Define the shader `name` at `path`, with inputs of the given types and values, and return it."""
+    """Define the shader `name` at `path`, with inputs of the given types and values. Return the shader."""
     from pxr import UsdShade
 
     shader = UsdShade.Shader.Define(stage, path)
@@ -256,7 +256,7 @@ def _add_shader(stage: Any, path: str, name: str, **inputs: tuple[Any, Any]) -> 
 
 
 def _add_material(stage: Any, path: str, color_input: str) -> Any:
-    """Define a material without reflections at `path`, and return its surface shader.
+    """Define a material without reflections at `path`. Return the surface shader of the material.
 
     The input `color_input` sets the colour. All other colours are black.
     """

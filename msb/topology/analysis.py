@@ -40,8 +40,8 @@ class Components:
     def largest(self) -> int | None:
         """Return the component with most faces, or None for a mesh without components.
 
-        If several components have the largest number of faces, the component with the largest area is chosen,
-        then the component with the lowest face index.
+        If several components have the largest number of faces, return the component with the largest area. If
+        the areas are equal, return the component with the lowest face index.
         """
         if self.count == 0:
             return None
@@ -62,8 +62,8 @@ class Offending:
 class Analysis:
     """A mesh with its half-edges, fans, boundary, components and face properties.
 
-    Pass arrays returned by `mesh_arrays`, which checks them. Each part of the analysis is computed on first
-    use with NumPy and SciPy. The time of each part is added to `timings_ms`, in milliseconds.
+    The arrays must come from `mesh_arrays`, which checks the arrays. Each part of the analysis is computed on
+    first use with NumPy and SciPy. The time of each part is added to `timings_ms`, in milliseconds.
     """
 
     def __init__(self, vertices: NDArray[Any], faces: NDArray[Any]) -> None:
@@ -167,8 +167,8 @@ class Analysis:
 
 
 def find_components(mesh: HalfEdgeMesh, area: NDArray[np.float64]) -> tuple[Components, int]:
-    """Return the components joined across all edges, and the number of components joined across two-face
-    edges only.
+    """Return the components joined across all edges. Also return the number of components joined across
+    two-face edges only.
     """
     # `compact` (F,) contains consecutive indices of the faces without a repeated index.
     proper = np.flatnonzero(~mesh.repeated_index)

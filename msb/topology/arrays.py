@@ -17,7 +17,7 @@ def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], ND
     """Return `vertices` (V, 3) as floats and `faces` (F, 3) as integers, and check that every index is valid.
 
     Coordinates keep their precision and may be NaN or infinite. Faces are int32, or int64 if vertex indices
-    need it.
+    are too large.
     """
     points = _check_array(vertices, "vertices", "fiu")
     triangles = _check_array(faces, "faces", "iu")

@@ -54,7 +54,7 @@ class Welded:
 
 @dataclass(frozen=True)
 class Sample:
-    """A faulty element: its number, its vertices, and the vertex coordinates in stored precision."""
+    """A faulty element: its index, its vertices, and the vertex coordinates in stored precision."""
 
     element: int
     vertices: tuple[int, ...]
@@ -72,7 +72,7 @@ class Audit:
     path, method : str or None
         The file of the mesh, and the training method of the model. Both values are None for plain arrays.
     topology : {"triangle_soup", "indexed_mesh"}
-        "triangle_soup" if no vertex is used by two faces, determined from the face indices.
+        The value is "triangle_soup" if no vertex is used by two faces. Only the face indices are compared.
     is_soup : bool
         Whether every vertex is used by exactly one face, so that V = 3F.
     counts, metrics : Counts, Metrics
@@ -110,7 +110,7 @@ class Audit:
     timings_ms : dict of str to float
         Milliseconds by stage.
     computed_by : str
-        "NumPy", or "OpenCL" and the device; NumPy and OpenCL give the same results.
+        The value is "NumPy", or "OpenCL" and the device. NumPy and OpenCL give the same results.
     verdict : {"ok", "limited", "bad"}
         Whether the stored mesh is usable for all tasks, for some tasks, or for hardly any task.
     sentence : str
@@ -181,7 +181,7 @@ class Audit:
         return f"{name}: {kind}, {self.counts.vertices:,} vertices, {self.counts.faces:,} faces"
 
     def _rows(self) -> list[tuple[str, str, str]]:
-        """Return name, count and share of the most important counts."""
+        """Return the name, the count and the share for each of the most important counts."""
         c = self.judged.counts
         rows = [
             (name, f"{count:,}", percent(count, whole))
@@ -258,7 +258,7 @@ def audit_arrays(
     attributes: Attributes | None = None,
     check_crossings: bool = True,
 ) -> tuple[Audit, Analysis]:
-    """Return the audit of plain arrays, and the analysis for viewers and exports.
+    """Return the audit of plain arrays. Also return the analysis for viewers and exports.
 
     The argument `attributes` contains the UVs and colours for which a file may duplicate vertices at seams.
     The function `msb.topology.seams.seam_attributes` returns these attributes. If `check_crossings` is true,

@@ -13,8 +13,9 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-# Error bound of a 3 x 3 determinant of differences, relative to its permanent. The bound is (7 + 56 eps)
-# eps with eps = 2^-53 (Shewchuk, "Adaptive Precision Floating-Point Arithmetic", 1997, for orient3d).
+# Error bound for a 3 x 3 determinant of differences. The bound is relative to the permanent of the matrix.
+# The bound is (7 + 56 eps) eps with eps = 2^-53 (Shewchuk, "Adaptive Precision Floating-Point Arithmetic",
+# 1997, for orient3d).
 _ROUNDING = 7.8e-16
 # Pairs of tree nodes per batch. The child nodes of a batch then fit into the processor cache, which doubles
 # the speed.
@@ -56,8 +57,7 @@ def find_crossing_pairs(
         The corners of the faces, all finite.
     places : (F, n, 3) float64, optional
         Points that define the bounding boxes. By default, the bounding boxes are computed from `corners`. If
-        face sizes differ by many orders of magnitude, pass points in coordinates in which the sizes are
-        similar.
+        face sizes differ by many orders of magnitude, pass points in coordinates that make the sizes similar.
     of : (F,) bool, optional
         Return only the pairs that contain at least one of these faces.
     most : int, optional
@@ -86,7 +86,7 @@ def _find_near_pairs(
 
     The arguments `low` and `high` (F, 3) are opposite corners of the boxes. If `of` (F,) is given, at least
     one box of each pair is marked in `of`. The boxes are the leaves of a binary tree in Morton order. The
-    search walks from pairs of nodes to pairs of their children (Karras, "Maximizing Parallelism in the
+    search goes from each pair of nodes to pairs of child nodes (Karras, "Maximizing Parallelism in the
     Construction of BVHs, Octrees, and k-d Trees", 2012).
     """
     count = len(low)
@@ -103,7 +103,8 @@ def _find_near_pairs(
     for _ in range(depth):
         boxes.append(np.minimum(boxes[-1][:, ::2], boxes[-1][:, 1::2]))
         wanted.append(wanted[-1][::2] | wanted[-1][1::2])
-    # Pairs of overlapping nodes, with their level in the tree. Taking the last batch first limits the memory.
+    # Pairs of overlapping nodes, with their level in the tree. To limit the memory, the last batch is
+    # processed first.
     waiting = [(depth, np.zeros(1, np.int64), np.zeros(1, np.int64))]
     while waiting:
         level, first, second = waiting.pop()
@@ -112,7 +113,8 @@ def _find_near_pairs(
             np.concatenate([2 * first + i for i in (0, 0, 1, 1)]),
             np.concatenate([2 * second + j for j in (0, 1, 0, 1)]),
         )
-        # A pair of a node with itself has three pairs of children. A pair of a leaf with itself is skipped.
+        # A pair of a node with itself leads to three pairs of child nodes. A pair of a leaf with itself is
+        # skipped.
         keep = first <= second if level else first < second
         if of is not None:
             keep &= wanted[level][first] | wanted[level][second]
@@ -159,8 +161,9 @@ def _test_pairs(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDAr
     rest = np.flatnonzero(~apart)
     rows, first, second = rows[rest], first[..., rest], second[..., rest]
     crossed = np.zeros(len(rows), bool)
-    # An edge crosses a face if it fulfils two conditions. First, its ends are on different sides of the
-    # face's plane. Second, it passes all three edges of the face with the same sense of rotation.
+    # An edge crosses a face if the edge fulfils two conditions. First, the ends of the edge are on different
+    # sides of the face's plane. Second, the edge passes all three edges of the face with the same sense of
+    # rotation.
     for edges, face, signs in ((first, second, signs_1[:, rest]), (second, first, signs_2[:, rest])):
         for k in range(3):
             start, stop = edges[k], edges[(k + 1) % 3]

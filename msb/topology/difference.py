@@ -1,4 +1,5 @@
-"""The faces and edges that differ between two versions of a mesh, compared by corner positions."""
+"""The faces and edges that differ between two versions of a mesh. Faces and edges are compared by their
+corner positions."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -32,7 +33,7 @@ class Difference:
 def find_difference(
     before: tuple[NDArray[Any], NDArray[Any]], after: tuple[NDArray[Any], NDArray[Any]]
 ) -> Difference:
-    """Return the faces that were deleted or added and the edges that were cut.
+    """Return the faces that were deleted or added, and the edges that were cut.
 
     The arguments `before` and `after` are vertices and faces returned by `mesh_arrays`. Corners are equal if
     their stored coordinates are equal (`weld_vertices`). Vertex numbers, vertex order, duplicated vertices

@@ -11,7 +11,7 @@ from msb.topology.analysis import Analysis
 
 @dataclass(frozen=True)
 class ElementGroup:
-    """Elements of one kind: their indices (n,) and their vertices (n, 1), (n, 2) or (n, 3)."""
+    """Elements of one kind. The fields are the indices (n,) and the vertices (n, 1), (n, 2) or (n, 3)."""
 
     kind: str
     numbers: NDArray[Any]

@@ -102,9 +102,9 @@ def explain(name: str) -> Explanation:
     Parameters
     ----------
     name : str
-        The key of the quantity in the JSON (`nonmanifold_edge_ratio`), with or without the enclosing object
-        (`metrics.nonmanifold_edge_ratio`), or its symbol in formulas (`nm_edge_ratio`, `E_gt2`). Upper and
-        lower case are equal, and "-" may replace "_".
+        The key of the quantity in the JSON, or the symbol in formulas. Examples are `nonmanifold_edge_ratio`,
+        `metrics.nonmanifold_edge_ratio` (with the enclosing object), `nm_edge_ratio` and `E_gt2`. Upper and
+        lower case are not distinguished, and "-" may replace "_".
 
     Examples
     --------
@@ -126,8 +126,8 @@ def explain(name: str) -> Explanation:
         folded.setdefault(known.casefold(), entry)
     match = exact.get(wanted) or folded.get(wanted.casefold())
     if match is None:
-        # Suggest names that contain the text, such as "manifold", or that have a similar spelling. A cutoff
-        # of 0.7 avoids chance matches.
+        # Suggest names that contain the text, such as "manifold", or that have a similar spelling. The cutoff
+        # 0.7 avoids chance matches.
         near = difflib.get_close_matches(wanted.casefold(), folded, 3, 0.7)
         near += [known for known in folded if len(wanted) > 2 and wanted.casefold() in known]
         near = list(dict.fromkeys(near))[:4]

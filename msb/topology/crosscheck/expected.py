@@ -1,9 +1,10 @@
-"""Predict the answers of each peer about a mesh from the differences between its definitions and ours.
+"""Predict the answers of each peer about a mesh. The predictions follow from the differences between the
+peer's definitions and ours.
 
-The prediction is our number plus the effect of each difference, which this module computes from the mesh. A
-disagreement is therefore always a bug, even if the definitions differ. Almost every effect comes from faces
-with a repeated index. In our definitions, faces with a repeated index have no edges. For most peers, these
-faces have three vertex pairs.
+The prediction is our number plus the effect of each difference. This module computes the effects from the
+mesh. A disagreement is therefore always a bug, even if the definitions differ. Almost every effect comes from
+faces with a repeated index. In our definitions, faces with a repeated index have no edges. For most peers,
+these faces have three vertex pairs.
 """
 
 from collections import defaultdict
@@ -109,7 +110,8 @@ class Facts:
         return Expected("total_area", call, "total_area", ours, ours, "", slack=slack)
 
     def loops(self, call: str, unfit: str = "") -> Expected:
-        """Expect our number of boundary loops. Skip meshes for which the peer does not define loops."""
+        """Expect our number of boundary loops. Skip meshes for which the peer does not define boundary
+        loops."""
         if self.repeated:
             unfit = "not defined for meshes with repeated-index rows"
         elif self.counts.nonmanifold_vertices:
@@ -228,7 +230,7 @@ def expect_trimesh(facts: Facts) -> list[Expected]:
 
 
 def _expect_flag(quantity: str, call: str, ours: bool, theirs: bool, facts: Facts) -> Expected:
-    """Expect a flag that can only differ from our flag because of repeated-index faces."""
+    """Expect a flag that differs from our flag only because of repeated-index faces."""
     why = "" if ours == theirs else f"it counts the vertex pairs of {facts.rows}"
     return Expected(quantity, call, quantity, ours, theirs, why)
 
@@ -285,7 +287,7 @@ def expect_nvidia(facts: Facts) -> list[Expected]:
     """Return the expected answers of the ManifoldChecker of NVIDIA's validator.
 
     NVIDIA's checker joins the faces at a vertex across two-face edges only. Each end of a non-manifold edge
-    therefore has several groups of faces. The checker's count therefore equals our strict count.
+    therefore has several groups of faces. Therefore the checker's count equals our strict count.
     """
     counts = facts.counts
     unused = counts.unreferenced_vertices - facts.shift["used"]

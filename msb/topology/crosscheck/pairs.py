@@ -51,7 +51,7 @@ def count_pairs(faces: NDArray[Any]) -> dict[str, int]:
     between_rows = np.unique(member[first[first // 3 != second // 3]])
     return {
         "pairs": len(pair),
-        # igl.edges halves the number of entries of the symmetric adjacency matrix. In the adjacency matrix, a
+        # igl.edges counts half of the entries of the symmetric adjacency matrix. In the adjacency matrix, a
         # loop {v, v} has a single entry.
         "igl_edges": int(np.count_nonzero(~loop)) + int(np.count_nonzero(loop)) // 2,
         "single": int(np.count_nonzero(count == 1)),

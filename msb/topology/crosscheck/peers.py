@@ -1,6 +1,6 @@
 """Measure a mesh with each peer library. Only this module and `repairs.py` import the peers.
 
-Every function takes a mesh with at least one face and valid indices. The function returns the peer's answers
+Every function takes a mesh with valid indices and at least one face. The function returns the peer's answers
 under the names that `expected.py` uses. `ask_peers` runs the functions in separate processes, because peers
 print, hang or crash on some faulty meshes. The tested versions are libigl 2.6.3, PyMeshLab 2025.7.post1,
 manifold3d 3.5.4, trimesh 5.2.0, NetworkX 3.6.1 and usd-validation-nvidia 1.22.0 with usd-core 26.8.
@@ -218,7 +218,7 @@ def ask_nvidia(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answe
 
 
 def _finite_or_none(value: Any) -> float | None:
-    """Return a finite float. Other values than finite floats become None, because JSON has no NaN."""
+    """Return a finite float. Values that are not finite floats become None, because JSON has no NaN."""
     number = float(value)
     return number if math.isfinite(number) else None
 

@@ -21,8 +21,8 @@ Repaired = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
 
 @dataclass(frozen=True)
 class PeerStep:
-    """A repair step of a peer library: `work` takes vertices and faces, and returns the new faces, the vertex
-    map and the face map."""
+    """A repair step of a peer library. The function `work` takes vertices and faces, and returns the new
+    faces, the vertex map and the face map."""
 
     module: str
     distribution: str
@@ -61,7 +61,7 @@ def drop_by_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -
     return left.face_matrix().astype(np.int64), next(maps), next(maps)
 
 
-# Repair steps of peers by name, PEER-STEP.
+# Maps names of the form PEER-STEP to repair steps of peers.
 PEER_STEPS: dict[str, PeerStep] = {
     "igl-cut": PeerStep("igl", "libigl", cut_by_libigl),
     "pymeshlab-drop": PeerStep("pymeshlab", "pymeshlab", drop_by_pymeshlab),
