@@ -12,7 +12,7 @@ _VOLUMES_AT_ONCE = 1 << 15
 
 
 def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the area (F,) of each face in squared length units, and whether it is finite (F,).
+    """Return the area (F,) of each face in squared length units. Also return whether the area is finite (F,).
 
     The area is half the norm of the cross product in double precision. An area that is not finite becomes 0.
     """
@@ -30,7 +30,7 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
 
 
 def face_vectors(points: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the normal of each face times twice its area (F, 3)."""
+    """Return the normals (F, 3) of the faces. The length of a normal is twice the area of the face."""
     corners = points[faces]
     vectors: NDArray[np.float64] = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return vectors
@@ -45,10 +45,12 @@ def signed_volume(vertices: NDArray[Any], faces: NDArray[np.int64]) -> float:
 
 
 def signed_volumes(vertices: NDArray[Any], faces: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the signed volume (F,) of the tetrahedron between each face and the first corner of the mesh.
+    """Return the signed volume (F,) of a tetrahedron for each face. The tetrahedron connects the face with
+    the first corner of the mesh.
 
-    The sum over a closed body is its volume in cubed length units. The volume is negative if the body is
-    wound inwards. Using a point of the mesh as apex keeps rounding errors small.
+    For a closed body, the sum of these volumes is the volume of the body in cubed length units. The volume is
+    negative if the body is wound inwards. The first corner lies on the mesh, which keeps rounding errors
+    small.
     """
     volumes = np.zeros(len(faces))
     if not len(faces):
@@ -91,7 +93,8 @@ def names_vertex_twice(faces: NDArray[Any]) -> NDArray[np.bool_]:
 
 
 def find_duplicate_faces(faces: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which faces (F,) repeat an earlier face: the same three indices in any order or winding.
+    """Return which faces (F,) repeat an earlier face. Such faces have the same three indices in any order or
+    winding.
 
     The first face of each set of duplicates is not marked. Takes O(F log F) time.
     """
@@ -102,7 +105,7 @@ def find_duplicate_faces(faces: NDArray[Any]) -> NDArray[np.bool_]:
     # The middle index is the sum minus the lowest and the highest index. The sum of the indices may overflow,
     # but the subtraction then wraps back to the right value.
     middle = faces[:, 0] + faces[:, 1] + faces[:, 2] - low - high
-    order = np.lexsort((high, middle, low))  # The sort is stable: equal rows stay in ascending order
+    order = np.lexsort((high, middle, low))  # The sort is stable, so equal rows stay in ascending order
     same = np.ones(len(faces) - 1, bool)
     for column in (low, middle, high):
         sorted_column = column[order]

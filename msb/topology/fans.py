@@ -22,14 +22,15 @@ class Fans:
     Attributes
     ----------
     corner_fan : (3F,) integers
-        The fan of each corner. Corner 3 f + k is vertex k of face f. The value is NONE in rows with a
+        The fan of each corner. Corner 3 f + k means vertex k of face f. The value is NONE for faces with a
         repeated index.
     fan_vertex : (n,) integers
         The vertex of each fan.
     fans_per_vertex : (V,) integers
         Number of fans: 0 for a vertex without proper faces, 1 for a manifold vertex.
     groups_per_vertex : (V,) integers
-        Number of groups if corners are joined across every shared edge, including non-manifold edges.
+        Number of groups of corners if the corners are joined across every shared edge, including non-manifold
+        edges.
     """
 
     corner_fan: NDArray[Any]
@@ -49,10 +50,11 @@ def find_end_corners(mesh: HalfEdgeMesh, halfedges: NDArray[Any]) -> tuple[NDArr
 
 
 def group_corners(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any]) -> tuple[int, NDArray[Any]]:
-    """Join the corners at each vertex across the given pairs of half-edges.
+    """At each vertex, join the corners across the given pairs of half-edges.
 
-    Both half-edges of a pair lie on one edge. Return the number of groups and the group (3F,) of each corner.
-    Groups are numbered by their first corner. The group is NONE for corners of faces with a repeated index.
+    The two half-edges of a pair lie on the same edge. Return the number of groups and the group (3F,) of each
+    corner. Groups are numbered by their first corner. The group is NONE for corners of faces with a repeated
+    index.
     """
     corners = np.flatnonzero(~np.repeat(mesh.repeated_index, 3))
     # Number only the corners of faces without a repeated index.
@@ -88,7 +90,7 @@ def _join(
 ) -> tuple[int, NDArray[np.int32]]:
     """Each pair of half-edges shares an edge. Join the nodes at both ends of the edge.
 
-    Return group indices like `label_components`.
+    Return group indices in the form of `label_components`.
     """
     first_low, first_high = find_end_corners(mesh, first)
     second_low, second_high = find_end_corners(mesh, second)
@@ -99,7 +101,7 @@ def _join(
 
 @dataclass(frozen=True)
 class Boundary:
-    """The boundary edges `edges` (B,) in ascending order, and the index `chain` (B,) of the chain that
+    """The boundary edges `edges` (B,) in ascending order. `chain` (B,) is the index of the chain that
     contains each edge.
 
     Two boundary edges are linked if they are the two outer edges of one open fan. A `closed` chain is a
@@ -125,14 +127,15 @@ class Boundary:
 def find_boundary(mesh: HalfEdgeMesh, fans: Fans) -> Boundary:
     """Return the boundary loops and chains of `mesh`.
 
-    An open fan has two outer edges. If both outer edges are boundary edges, they are neighbours along the
-    boundary. Every boundary edge has at most one neighbour at each end. Connected edges therefore form paths
-    or cycles. A chain is a cycle if it has as many links as edges. At a vertex with several fans, loops touch
-    but stay separate.
+    An open fan has two outer edges. If both outer edges are boundary edges, the two edges are neighbours
+    along the boundary. Every boundary edge has at most one neighbour at each end. Connected edges therefore
+    form paths or cycles. A chain is a cycle if it has as many links as edges. At a vertex with several fans,
+    loops touch but stay separate.
     """
     edges = np.flatnonzero(mesh.multiplicity == 1)
     halfedge = mesh.edge_halfedges[mesh.edge_offsets[edges]]
-    # Find the fans of both ends of each boundary half-edge. Link two ends that lie in the same fan.
+    # Find the fans of both ends of each boundary half-edge. Link two boundary edges if their ends lie in the
+    # same fan.
     fan = np.concatenate([fans.corner_fan[halfedge], fans.corner_fan[next_in_face(halfedge)]])
     side = np.tile(np.arange(len(edges)), 2)
     order = np.argsort(fan, kind="stable")

@@ -117,7 +117,8 @@ def find_by_numpy(analysis: Analysis) -> Findings:
 
 
 def first_of(numbers: Any, vertices: Any = None) -> tuple[tuple[int, tuple[int, ...]], ...]:
-    """Return the first few of the ascending element indices `numbers`, and the vertices of each element.
+    """Return the first few of the ascending element indices `numbers`. Also return the vertices of each
+    element.
 
     Row i of `vertices` contains the vertices of element i. If `vertices` is None, the elements are vertices.
     """

@@ -34,9 +34,9 @@ class HalfEdgeMesh:
     edge_vertices : (E, 2) integers
         The distinct vertex pairs (low, high) of all faces without a repeated index, in ascending order.
     edge_offsets : (E + 1,) integers
-        Edge e has the half-edges ``edge_halfedges[edge_offsets[e] : edge_offsets[e + 1]]``.
+        The half-edges of edge e are ``edge_halfedges[edge_offsets[e] : edge_offsets[e + 1]]``.
     edge_halfedges : (3 (F - F_repeated),) integers
-        Half-edges grouped by edge, ascending within each group.
+        Half-edges grouped by edge. Within each group, the half-edges are in ascending order.
     """
 
     vertex_count: int
@@ -86,7 +86,7 @@ class HalfEdgeMesh:
 
     @property
     def two_face_halfedges(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        """The two half-edges of every two-face edge, in edge order, each (E2,)."""
+        """The two half-edges of every two-face edge, as two arrays (E2,) in the order of the edges."""
         start = self.edge_offsets[:-1][self.multiplicity == 2]
         return self.edge_halfedges[start], self.edge_halfedges[start + 1]
 
@@ -129,7 +129,7 @@ def build_half_edges(faces: NDArray[Any], vertex_count: int) -> HalfEdgeMesh:
     rows = faces[valid]
     origin, target = rows.reshape(-1), rows[:, (1, 2, 0)].reshape(-1)
     low, high = np.minimum(origin, target), np.maximum(origin, target)
-    # One 64-bit key for each vertex pair. Equal keys belong to one edge.
+    # One 64-bit key for each vertex pair. Half-edges with equal keys belong to one edge.
     key, order = _sort_keys(low.astype(np.uint64) * np.uint64(max(vertex_count, 1)) + high.astype(np.uint64))
     is_first = np.ones(len(key), bool)
     np.not_equal(key[1:], key[:-1], out=is_first[1:])
@@ -150,7 +150,7 @@ def _sort_keys(key: NDArray[np.uint64]) -> tuple[NDArray[np.uint64], NDArray[Any
     """Return the keys in ascending order, and the original position of each key. Equal keys keep their order.
 
     For up to about two million faces, a key and its position can be packed into 64 bits. The function then
-    sorts these packed numbers. This is six times as fast as sorting positions by key.
+    sorts these packed numbers. Sorting packed numbers is six times as fast as sorting positions by key.
     """
     bits = np.uint64(len(key).bit_length())
     if int(key.max(initial=0)) >> (64 - int(bits)):

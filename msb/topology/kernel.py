@@ -4,11 +4,11 @@
 
 1. Corners are sorted into blocks of vertices. A block fits into the cache of a processor core. A corner
    stores the other two vertices of its face.
-2. Each vertex of a block is visited together with all its faces. Common neighbour vertices of two faces
+2. Each vertex of a block is visited together with its faces. Common neighbour vertices of two faces
    determine edges, fans, duplicates and the boundary. A kernel compares all pairs of faces at a vertex
    (audit_small.cl). If a vertex has many faces, another kernel sorts the faces instead (audit_large.cl).
-3. Each visit adds pairs of connected faces to lists. Uniting the pairs gives the components. The lowest face
-   of a component is its root (audit_pairs.cl).
+3. Each visit adds pairs of connected faces to lists. Uniting the pairs gives the components. The root of a
+   component is its lowest face (audit_pairs.cl).
 
 docs/audit_speed.md gives reasons and measurements.
 """
@@ -39,17 +39,18 @@ class Sizes:
         Average number of corners in a block of vertices. The default takes 200 KB, so that a second-level
         cache holds two blocks.
     most_blocks : int
-        Maximum number of blocks; each block is a separate write stream.
+        Maximum number of blocks. Each block is written as a separate stream.
     large_block : int
-        Maximum number of corners of a block that a work-item copies to sort it; larger blocks are sorted in
-        place. The limit is at least 1/16 of the corners per worker.
+        Maximum number of corners of a block that a work-item copies to sort the block. Larger blocks are
+        sorted in place. The limit is at least 1/16 of the corners per worker.
     rounds : int
         Number of rounds. Each round processes some of the blocks in the same memory. If a block of vertices
         exceeds `large_block`, there is one more round.
     most_compared : int
-        Maximum number of faces of a vertex that are compared pairwise; a multiple of 8, up to 32.
+        Maximum number of faces of a vertex that are compared pairwise. The number is a multiple of 8, up to
+        32.
     chunk_pairs : int
-        Number of face pairs in a chunk of the list, more than four times `most_compared`.
+        Number of face pairs in a chunk of the list. The number is more than four times `most_compared`.
     valences : int
         Length of the valence table. Larger valences are listed individually.
     """
@@ -156,7 +157,7 @@ class _Run:
         self.starts = np.concatenate([[0], np.cumsum(self.counts.sum(axis=0, dtype=np.int64))])
 
     def _visit_vertices(self) -> None:
-        """Move the corners into their blocks and visit the vertices there, round by round."""
+        """Round by round, move the corners into their blocks and visit the vertices of the blocks."""
         block_sizes, face_count = np.diff(self.starts), len(self.faces)
         share = 3 * face_count // (16 * self.workers)
         self.large = max(self.sizes.large_block, share)
@@ -237,7 +238,7 @@ class _Run:
         self.fills = self._allocate(full + begun + 1, np.uint32, "chunks of pairs")
 
     def _allocate_scratch(self, workers: int, corners: int, *, large: bool = False) -> tuple[Buffer, int]:
-        """Return the scratch buffer of the kernel visit_blocks, and the number of its words for each
+        """Return the scratch buffer of the kernel visit_blocks. Also return the number of words for each
         work-item."""
         starts = (1 << self.shift) + 1  # Two 32-bit tables fit into this number of words.
         words = starts + 1 + (4 if large else 6) * corners
@@ -253,7 +254,7 @@ class _Run:
         return two_face - self._unite_pairs(CROWDED, self.parents), two_face
 
     def _unite_pairs(self, kind: int, parents: Buffer) -> int:
-        """Unite the face pairs of a kind. Return the number of unions of two different sets."""
+        """Unite the face pairs of the given kind. Return the number of unions of two different sets."""
         joined = self._allocate_zeros(self.workers, np.uint32, "joined")
         chunk = self._allocate_zeros(1, np.uint32, "next chunk")
         scalars = _to_uints(self.chunks_used, kind)
@@ -261,10 +262,11 @@ class _Run:
         return int(joined.read().sum(dtype=np.int64))
 
     def _measure_faces(self) -> tuple[float, float, int, int, NDArray[np.uint32]]:
-        """Return total area, area and faces of the largest component, boundary loops, degenerate faces."""
+        """Return the total area, the area and the number of faces of the largest component, the number of
+        boundary loops, and the degenerate faces."""
         count = len(self.faces)
         # The next stage needs 24 bytes of memory per face. Reuse the memory of the corners, because the
-        # system has already mapped its pages.
+        # system has already mapped the pages of this memory.
         cuts = np.split(self.memory[: 24 * count], [8 * count, 16 * count, 20 * count])
         areas = self._share(cuts[0].view(np.float64), "areas")
         sums = self._share(cuts[1].view(np.float64), "sums of areas")

@@ -1,8 +1,8 @@
-"""Text of ratios and component counts of an audit, as the terminal and reports print them."""
+"""Text of ratios and component counts of an audit, for the terminal and for reports."""
 
 import math
 
-# Decimals of ratios and averages, as in the table of mesh diagnostics of the paper.
+# Number of decimals of ratios and averages, as in the paper's table of mesh diagnostics.
 DECIMALS = 2
 # Larger counts are printed in millions. Smaller counts are printed in full, because "0.00 M" is useless.
 _MILLIONS_FROM = 1e5
@@ -11,7 +11,7 @@ _FRACTIONS_BELOW = 100
 
 
 def format_metric(metric: str, value: float) -> str:
-    """Return the value of a metric of `msb.topology.audit.Metrics` as tables print it.
+    """Return a metric of `msb.topology.audit.Metrics` as text for tables.
 
     Examples
     --------

@@ -29,8 +29,8 @@ from msb.topology.weld import Weld, find_coincident_vertices, merge_coincident, 
 # matter.
 Attributes = Mapping[str, NDArray[Any]]
 SeamKind = Literal["texture", "color", "normal", "format"]
-# If more than this share of the edges coincide with another edge, a triangle soup is treated as a surface
-# without shared vertices. In a trained triangle soup, corners coincide by chance only.
+# If more than this share of the edges coincide with another edge, a triangle soup counts as a surface without
+# shared vertices. In a trained triangle soup, corners coincide by chance only.
 _COINCIDING = 0.5
 # Two faces fold onto each other if the cosine of the angle between their normals is below this limit. Angles
 # within 0.08 degrees of 180 degrees are below the limit. Such faces are the two sides of a thin sheet, and
@@ -38,7 +38,7 @@ _COINCIDING = 0.5
 _FOLDED = -0.999999
 
 # Largest rounding difference of two vertices, relative to the largest coordinate. The value is four units in
-# the last place of float32. The second value limits the difference relative to the size of the mesh.
+# the last place of float32. The second value is the largest difference relative to the size of the mesh.
 _ROUNDING, _MOST_ROUNDING = 2.0**-21, 1e-5
 
 # If a mesh has at most this number of faces, the audit tests an exact weld even without --weld. Testing an
@@ -57,8 +57,9 @@ class Seams:
     number : (V,) integers
         The merged vertex of each row.
     kind : {"texture", "color", "normal", "format"}
-        The kind is "format" for a triangle list. The kind is "normal" if only ignored attributes differ, such
-        as normals. Otherwise the kind is "texture" if the mesh has UVs, and "color" if not.
+        The kind is "format" for a triangle list. The kind is "normal" if the copies differ only in ignored
+        attributes, such as normals. Otherwise, the kind is "texture" if the mesh has UVs, and "color" if the
+        mesh has no UVs.
     unexplained : bool
         Whether some vertices are duplicated only for ignored attributes. A renderer needs the duplicates only
         for these attributes.
@@ -98,14 +99,14 @@ def seam_attributes(
 def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes) -> Seams | None:
     """Return the seams of a mesh, or None for a mesh without seams.
 
-    A torn edge is a pair of coincident boundary edges. The edges differ in their attributes at an end, or in
-    the textures of their faces. The end vertices of a torn edge are merged. Three or more coincident boundary
-    edges are not merged, because their pairing is ambiguous.
+    A torn edge is a pair of coincident boundary edges. At an end, the attributes of the two edges differ, or
+    the faces of the edges have different textures. The end vertices of a torn edge are merged. Three or more
+    coincident boundary edges are not merged, because their pairing is ambiguous.
 
     A triangle soup has seams only under two conditions. First, more than half of the faces have a torn edge.
     Second, no coincident boundary edges have equal attributes. With TRIANGLE_LIST, all coincident vertices of
-    a triangle soup are merged if more than half of its edges coincide with another edge. The search takes O(V
-    log V) time, and much less if no two vertices coincide.
+    a triangle soup are merged. The condition is that more than half of the edges coincide with another edge.
+    The search takes O(V log V) time, and much less if no two vertices coincide.
     """
     if not attributes or not len(faces):
         return None
@@ -162,7 +163,7 @@ def _merge_torn_edges(
 def _merge_triangle_list(faces: NDArray[Any], place: NDArray[Any]) -> Seams | None:
     """Return the exact weld of a triangle soup.
 
-    Return None if at most half of its edges coincide with another edge.
+    Return None if at most half of the edges coincide with another edge.
     """
     proper = faces[~names_vertex_twice(faces)]
     if not is_soup(proper):
@@ -202,8 +203,9 @@ class _TornEdges:
 
     The field `pairs` (n, 2) contains the vertex rows to merge. The field `faces` is the number of faces with
     a torn edge. The field `equal_edges` is true if two coincident boundary edges have equal attributes at
-    both ends. The field `some_by_key` is true if the two sides of some torn edges differ only in their seam
-    keys. The field `all_by_key` is true if the two sides of every torn edge differ only in their seam keys.
+    both ends. The field `some_by_key` is true if some torn edges separate attributes that differ only in
+    their seam keys. The field `all_by_key` is true if every torn edge separates attributes that differ only
+    in their seam keys.
     """
 
     pairs: NDArray[np.int64]
@@ -245,14 +247,14 @@ def _find_torn_edges(
     spot = place[edges]
     swap = (spot[:, 0] > spot[:, 1])[:, None]
     edges, corner, spot = (np.where(swap, rows[:, ::-1], rows) for rows in (edges, corner, spot))
-    # Group coincident boundary edges, and compare every edge with the first of its group.
+    # Group coincident boundary edges, and compare every edge with the first edge of its group.
     _, first, group, size = np.unique(
         spot[:, 0] * len(place) + spot[:, 1], return_index=True, return_inverse=True, return_counts=True
     )
     group = group.reshape(-1)
     other = first[group]
-    # `differs[e]` is true if other attributes differ. `by_key[e]` is true if the two edges differ only in
-    # their seam keys.
+    # `differs[e]` is true if attributes other than the seam keys differ. `by_key[e]` is true if the two edges
+    # differ only in their seam keys.
     differs, by_key = np.zeros(len(edges), bool), np.zeros(len(edges), bool)
     for name, values in corner_values.items():
         unequal = (values[corner] != values[corner[other]]).any(axis=(1, 2))
@@ -279,8 +281,8 @@ def _find_folds(
 ) -> NDArray[np.bool_]:
     """Return a mask (E,) of the edges whose two faces fold onto each other, such as the two sides of a sheet.
 
-    The columns of `face` (E, 2) hold the faces of each edge. The argument `other` (E,) contains the edge that
-    is compared with each edge.
+    The columns of `face` (E, 2) hold the faces of each edge. The argument `other` (E,) contains, for each
+    edge, the edge to compare.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         corners = points[faces].astype(np.float64)
@@ -317,7 +319,7 @@ def audit_merged(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) 
 
     Return None for more than `MOST_FACES` faces. The argument `findings` describes the mesh as it is stored.
     An exact weld is tried first. If the exact weld does not close the mesh, vertices of boundary edges that
-    differ by rounding are merged. The result is also None if no vertices differ only by rounding.
+    differ by rounding are merged. The result is None as well if no vertices differ only by rounding.
     """
     counts = findings.counts
     if not counts.boundary_edges or counts.faces > MOST_FACES:
@@ -332,7 +334,8 @@ def audit_merged(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) 
 
 
 def _weld_rounded(points: NDArray[Any], faces: NDArray[Any]) -> Merged | None:
-    """Return the counts after merging vertices of boundary edges that differ by rounding, or None."""
+    """Merge vertices of boundary edges that differ by rounding. Return the counts after this merge, or
+    None."""
     # Boundary edges are vertex pairs that occur once.
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2).astype(np.int64)
     edges, times = np.unique(ends.min(axis=1) * len(points) + ends.max(axis=1), return_counts=True)

@@ -45,8 +45,8 @@ class Bodies:
 
 
 def check_bodies(points: NDArray[Any], faces: NDArray[Any], components: int) -> Bodies:
-    """Return the state of the bodies of a closed mesh with finite coordinates and the given number of
-    components."""
+    """Return the state of the bodies of a closed mesh. The mesh has finite coordinates and the given number
+    of components."""
     # `label` (F,) is the body of each face. A single component is a single body.
     label = np.zeros(len(faces), np.int64) if components == 1 else label_bodies(faces, len(points))
     touching = 0 if components == 1 else _count_touching(points, faces, label)
@@ -84,7 +84,7 @@ def label_bodies(faces: NDArray[Any], vertex_count: int) -> NDArray[Any]:
 def find_inside_out(
     points: NDArray[Any], faces: NDArray[Any], label: NDArray[Any]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which closed bodies (n,) are wound inside out, and which are flat.
+    """Return two masks (n,) of closed bodies: bodies that are wound inside out, and flat bodies.
 
     The argument `label` (F,) is the body of each face. A cavity is a body with negative volume inside the
     bounding box of a larger body with positive volume.
@@ -92,7 +92,7 @@ def find_inside_out(
     if not len(faces):
         return np.zeros(0, bool), np.zeros(0, bool)
     volume = np.bincount(label, signed_volumes(points, faces))
-    # Compute the bounding boxes `low` and `high` (n, 3) from the corners in the order of their bodies.
+    # Compute the bounding boxes `low` and `high` (n, 3) of the bodies from their corners.
     order = slice(None) if len(volume) == 1 else np.argsort(label, kind="stable")
     corners = points[faces[order].reshape(-1)].astype(np.float64)
     starts = 3 * (np.cumsum(np.bincount(label)) - np.bincount(label))

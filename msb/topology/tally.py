@@ -1,4 +1,4 @@
-"""Add up the counts and element lists that the work-items of the audit kernels return."""
+"""Add up the counts and element lists from all work-items of the audit kernels."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -54,7 +54,7 @@ class Totals:
     block_edges : (blocks,) uint64
         For each block, the number of edges whose lower vertex is in the block.
     valences : (n,) uint32
-        The valences that exceed the table of the tallies, one per vertex.
+        The valences above the table of the tallies, one value per vertex.
     components, two_face_components, boundary_loops : int
     largest : int
         Number of faces in the largest component.
@@ -118,7 +118,8 @@ def add_up(totals: Totals, timings_ms: dict[str, float], computed_by: str) -> Fi
 
 
 def _build_histogram(table: NDArray[Any], others: NDArray[Any]) -> dict[int, int]:
-    """Return the number of vertices of each valence, from the table and from the list of larger valences."""
+    """Return the number of vertices of each valence. The numbers come from the table and from the list of
+    larger valences."""
     valences, counts = np.unique(others, return_counts=True)
     low = {int(k): int(table[k]) for k in np.flatnonzero(table)}
     return low | {int(k): int(n) for k, n in zip(valences, counts, strict=True)}

@@ -1,4 +1,4 @@
-"""The verdict on a mesh tells a technical artist which tasks the mesh is usable for, and why."""
+"""The verdict on a mesh tells a technical artist for which tasks the mesh is usable, and why."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ if TYPE_CHECKING:
 
 Level = Literal["ok", "limited", "bad"]
 
-# Tasks that need a manifold surface. On other meshes, tools reject the mesh or open cracks. According to the
-# paper, UV unwrapping and collision also need a manifold surface ("Mesh Structural Results": Local
+# Tasks that need a manifold surface. With other meshes, tools reject the mesh or open cracks. According to
+# the paper, UV unwrapping and collision also need a manifold surface ("Mesh Structural Results": Local
 # structure). However, tools for these two tasks cut and join the mesh themselves, see docs/trial.md.
 SOLID_TOOLS = "subdivision, booleans or printing"
-# Limits of the share and of the number of non-manifold edges or vertices. A tool or a person can repair a
-# mesh within both limits. Within both limits, the level of the verdict is LIMITED. Beyond one of the limits,
-# the level is BAD. The repair profile `game` uses the same share.
+# Limits for non-manifold edges or vertices: a share and a number. A tool or a person can repair a mesh within
+# both limits. Within both limits, the level of the verdict is LIMITED. Beyond one of the limits, the level is
+# BAD. The repair profile `game` uses the same share.
 MANY, MOST = 0.01, 1000
 # The verdict advises merging vertices if a weld removes more than this share of the boundary edges.
 _WORTH_MERGING = 0.5
-# The repair plan for a mesh with non-finite faces: every repair drops these faces, and `close` fills the
+# The repair plan for a mesh with non-finite faces. Every repair drops these faces, and `close` fills the
 # holes.
 _DROPPING = "orient,pair,close"
 # `_NO_STRAYS` removes single triangles, which cannot be parts of a solid. `_ANY_CAP` allows caps of any size.
@@ -34,13 +34,13 @@ SMALL_PIECE, FEW_PIECES = 10, 10
 
 @dataclass(frozen=True)
 class Verdict:
-    """The level of a verdict with an explanation in words.
+    """The level of a verdict, with an explanation in words.
 
     Attributes
     ----------
     level : {"ok", "limited", "bad"}
     sentence : str
-        The tasks that the mesh is usable for, and all faults, without a final full stop.
+        The tasks for which the mesh is usable, and all faults. The text has no final full stop.
     reason : str
         The gravest fault in a few words. The text is empty for the level "ok".
     renders : bool
@@ -156,7 +156,7 @@ def helps(merged: Counts, counts: Counts) -> bool:
 
 
 def _describe_merged(audit: Audit) -> str:
-    """Return a clause about merging coincident vertices, if merging helps without closing the mesh."""
+    """If merging coincident vertices helps but does not close the mesh, return a clause about merging."""
     if audit.closed_once_merged or not is_worth_merging(audit) or audit.merged is None:
         return ""
     edges, pieces = audit.merged.counts.boundary_edges, audit.merged.counts.components
@@ -165,7 +165,7 @@ def _describe_merged(audit: Audit) -> str:
 
 
 def _name_merged(audit: Audit) -> str:
-    """Return the vertices that the weld of `audit.merged` merges: "coincident vertices" or nearby
+    """Return the name of the vertices that the weld of `audit.merged` merges: "coincident vertices" or nearby
     vertices."""
     within = "exact" if audit.merged is None else audit.merged.weld
     return "coincident vertices" if within == "exact" else f"vertices within {within:g}"
@@ -193,7 +193,7 @@ def _choose_plan(audit: Audit) -> str:
 
 
 def _describe_invisible(audit: Audit) -> str:
-    """Return why the mesh cannot be displayed, or "" if it can.
+    """Return the reason why the mesh cannot be displayed. Return "" if the mesh can be displayed.
 
     Zero-area faces prevent the display only if all faces have zero area.
     """
@@ -243,7 +243,7 @@ def _describe_nonmanifold(audit: Audit) -> str:
 
 
 def _locate(sample: Sample) -> str:
-    """Return the number and the position of a vertex: "31 at 0.1 0.2 0.3"."""
+    """Return the index and the position of a vertex, such as "31 at 0.1 0.2 0.3"."""
     place = " ".join(f"{x:.3g}" for x in sample.coordinates[0])
     return f"{sample.element} at {place}"
 
@@ -280,7 +280,7 @@ def _list_tasks_if_open(audit: Audit) -> str:
 
 
 def _describe_pieces(audit: Audit) -> str:
-    """Return the number of pieces as a fault. Separate bodies of a closed mesh do not count as a fault."""
+    """Return a text about the number of pieces. Separate bodies of a closed mesh do not count as a fault."""
     counts = audit.counts
     if counts.components < 2 or not (counts.boundary_edges or counts.nonmanifold_vertices):
         return ""
@@ -312,9 +312,9 @@ def _describe_flips(audit: Audit) -> str:
 class _Fault:
     """A kind of fault in a mesh.
 
-    The field `describe` is a function. This function describes the extent of the fault, and returns "" for a
-    mesh without the fault. The field `tasks` is a function. This function names the tasks for which the mesh
-    is usable if this fault is the gravest.
+    The field `describe` is a function. The function `describe` returns a text about the extent of the fault,
+    or "" for a mesh without the fault. The field `tasks` is a function. The function `tasks` returns a text
+    about the tasks for which the mesh is usable if this fault is the gravest.
     """
 
     level: Level
@@ -397,7 +397,7 @@ def _describe_sound(audit: Audit) -> str:
 
 
 def percent(part: int, whole: int) -> str:
-    """Return a share as a percentage. Only the values 0 and 1 are printed as "0 %" and "100 %"."""
+    """Return a share as a percentage. The texts "0 %" and "100 %" are only printed for the values 0 and 1."""
     if whole == 0:
         return "-"
     if part == 0:

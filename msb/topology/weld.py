@@ -66,8 +66,7 @@ def merge_coincident(vertices: NDArray[Any], weld: Weld) -> tuple[NDArray[Any], 
 def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
     """Return whether an exact weld would join any two faces of a triangle soup.
 
-    The function hashes positions to 32 bits, sorts the hashes, and compares only positions with a repeated
-    hash.
+    The function hashes positions to 32 bits, sorts the hashes, and compares positions with equal hashes.
     """
     bits, corners = _to_stored(vertices).view(np.uint32), faces.reshape(-1)
     hashes, repeated = _hash_rows(bits, corners)
@@ -94,7 +93,7 @@ def find_coincident_vertices(vertices: NDArray[Any]) -> tuple[NDArray[Any], NDAr
     """
     points = _to_stored(vertices)
     hashes, repeated = _hash_rows(points.view(np.uint32))
-    bucket = np.zeros(1 << 20, bool)  # This filter rejects most rows of typical meshes.
+    bucket = np.zeros(1 << 20, bool)  # This filter rejects most vertices of typical meshes.
     bucket[repeated >> 12] = True
     rows = np.flatnonzero(bucket[hashes >> 12])
     rows = rows[np.isin(hashes[rows], repeated)]
@@ -106,7 +105,7 @@ def find_coincident_vertices(vertices: NDArray[Any]) -> tuple[NDArray[Any], NDAr
 def _hash_rows(
     bits: NDArray[np.uint32], order: NDArray[Any] | None = None
 ) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
-    """Return a hash of each row of `bits` (V, 3), and the hashes that occur more than once.
+    """Return a hash of each row of `bits` (V, 3). Also return the hashes that occur more than once.
 
     `order` selects rows.
     """

@@ -103,7 +103,7 @@ class TrialMesh:
 
 
 def prepare_mesh(asset: Asset, weld: Weld | None = None) -> TrialMesh:
-    """Return the mesh of `asset` for trials, with merged seams and without faces below the STE threshold.
+    """Return the mesh of `asset` for trials. Seams are merged, and faces below the STE threshold are removed.
 
     The coordinates are float32, relative to the origin of the asset. Face and corner colours are averaged at
     each vertex, so that no vertex needs to be split. A mesh without colours is white. Vertices are merged at

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 BACKGROUND = (0.5, 0.5, 0.5)
 # Width of the saved images in pixels.
 PICTURE_WIDTH = 480
-# Brightness of faces that are viewed edge-on in saved images, relative to faces that face the camera.
+# Brightness of faces that are viewed edge-on in saved images. A face that points at the camera has the
+# brightness 1.
 _DARKEST = 0.4
 
 
@@ -159,7 +160,7 @@ def compare_images(
 ) -> dict[str, Any]:
     """Return the average PSNR of `images` against `originals`, and whether all images are equal.
 
-    `Renderings.psnr` explains the keys.
+    The keys are explained at `Renderings.psnr`.
     """
     values = [psnr(image, original) for original, image in zip(originals, images, strict=True)]
     return {"psnr": mean_of(values), "same_pictures": bool(np.isinf(values).all())}

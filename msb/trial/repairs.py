@@ -55,13 +55,14 @@ STRATEGIES: dict[str, tuple[tuple[str, ...], Peer | None]] = {
     "cut by igl": (("cut",), "igl"),
     "drop by pymeshlab": (("drop",), "pymeshlab"),
 }
-# The tasks that are tried on every result by default. The default tasks take only seconds.
+# The tasks that are tried on every result by default. These tasks take only seconds.
 TASKS = ("uv", "decimate_50", "subdivide", "boolean", "solid")
 
 
 @dataclass(frozen=True)
 class TierLikeness:
-    """The similarity between renderings of a repaired asset and of the original on one renderer tier.
+    """The similarity between renderings of a repaired asset and renderings of the original, on one renderer
+    tier.
 
     The field `psnr` is the average over the views in dB. The value is None if all images are equal (`same`).
     The value is also None if the tier cannot be rendered, for the reason `why`.
@@ -162,7 +163,7 @@ def compare(
     cameras : ChosenViews or iterable of Camera
         The views for comparing renderings. Views that do not see the asset are ignored.
     options : Options
-        Options of the steps, limits of child processes, and one additional plan.
+        Options of the repair steps, limits of child processes, and one additional plan.
     tasks : sequence of str
         Names of the tasks to try on the asset and on every result.
     keep : Path, optional
@@ -279,7 +280,7 @@ def _save_picture(
         return save_picture(keep, name, asset, done, camera, device)
     except OutputError:  # the folder cannot be written
         raise
-    except MsbError:  # `TierLikeness.why` has the reason.
+    except MsbError:  # The field `TierLikeness.why` gives the reason.
         return None
 
 

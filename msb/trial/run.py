@@ -48,7 +48,7 @@ class Trial:
     why : str or None
         The reason if the outcome is not "works".
     seconds : float
-        The total time of the libraries. For a library that exceeded its time limit, the limit is added.
+        The total time of the libraries. If a library exceeded its time limit, the limit is added.
     numbers : dict
         The measurements, as JSON data.
     libraries : dict of str to str
@@ -294,7 +294,7 @@ class _TaskRun:
         return replies
 
     def judge(self, replies: dict[str, AttemptResult], outputs: dict[str, Output]) -> Judgement:
-        """Return the judgement of the task, and add the reasons of failed attempts."""
+        """Return the judgement of the task with the reasons of failed attempts."""
         failed = {name: reply for name, reply in replies.items() if reply.output is None}
         why = "; ".join(f"{name}: {reply.why}" for name, reply in failed.items())
         numbers: Numbers = {}
@@ -308,7 +308,7 @@ class _TaskRun:
             ended = any(reply.ended_by is not None for reply in failed.values())
             return Judgement("not_run" if ended else "fails", why, numbers)
         judgement = self.task.judge(self.mesh, outputs, self.renderings)
-        # All main libraries may have crashed or exceeded their limits, although the mesh is correct. In this
+        # The mesh may be correct although all main libraries crashed or exceeded their limits. In this
         # case, the outcome is not "fails".
         ended = all(
             replies[attempt.library].ended_by is not None
@@ -354,7 +354,7 @@ class _TaskRun:
         return judgement, summary
 
     def file_name(self, library: str, key: str) -> str:
-        """Return the name of the file for the mesh with this `key` from a library."""
+        """Return the file name for the mesh with this `key` from a library."""
         libraries = [attempt.library for attempt in self.task.attempts]
         part = key if library not in libraries else library if len(libraries) > 1 else ""
         return f"{'-'.join(filter(None, (self.task.name, part)))}.glb"
@@ -362,7 +362,7 @@ class _TaskRun:
     def save(
         self, folder: Path | None, outputs: dict[str, Output], *, meshes: bool
     ) -> tuple[tuple[str, ...], str | None]:
-        """If there is a folder, save the image of the task, and with `meshes` also the meshes.
+        """If there is a folder, save the image of the task. With `meshes`, also save the meshes.
 
         Return the names of the saved files, and the name of the saved image.
         """
@@ -395,7 +395,8 @@ def _write_picture(path: Path, image: NDArray[Any]) -> None:
 
 
 def summarize_trials(trials: Iterable[Trial]) -> str:
-    """Return the numbers of tasks by outcome, worst first: "3 fail: uv, boolean, solid; 2 work: ..."."""
+    """Return a text with the numbers of tasks by outcome, worst first: "3 fail: uv, boolean, solid; 2 work:
+    ..."."""
     verbs = {"fails": "fail", "care": "work with limitations", "not_run": "not run", "works": "work"}
     parts = []
     for outcome, verb in verbs.items():

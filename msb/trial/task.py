@@ -1,4 +1,4 @@
-"""The declaration of a task: the libraries that try it, and the functions that judge their results."""
+"""The declaration of a task: the libraries to try, and the functions that judge their results."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -94,8 +94,8 @@ class Task:
     name, title : str
         The name in JSON and on the command line, and the title in tables and pages.
     attempts, fallbacks : tuple of Attempt
-        The libraries to try first, and the fallback libraries if all first libraries fail. Each attempt
-        returns at most one mesh.
+        The libraries to try first, and the fallback libraries that are tried if all first libraries fail.
+        Each attempt returns at most one mesh.
     judge : callable
         A function that judges the outputs. The arguments of the function are the mesh, the outputs by
         library, and the renderings. The function is called only if there is an output. If all attempts fail,
@@ -138,7 +138,7 @@ def format_count(number: int, singular: str, plural: str | None = None) -> str:
 
 
 def combine(numbers: Numbers, *grades: tuple[Outcome, str]) -> Judgement:
-    """Return the worst of several outcomes, with the reasons for all outcomes other than "works"."""
+    """Return the worst of several outcomes. The reasons of all outcomes except "works" are added."""
     reasons = [reason for outcome, reason in grades if outcome != "works"]
     return Judgement(pick_worst(outcome for outcome, _ in grades), "; ".join(reasons) or None, numbers)
 

@@ -1,5 +1,5 @@
-"""Close small holes: boundary loops (rims) with few edges, and a cap much smaller than the surrounding
-piece."""
+"""Close small holes. A hole is a boundary loop (rim) with few edges, and its cap is much smaller than the
+surrounding piece."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -28,8 +28,8 @@ def close(
     """Close the holes with at most `most_edges` edges. Added faces and vertices come last.
 
     A boundary loop of three edges gets one face. A boundary loop of four edges gets two faces that share a
-    diagonal. The shorter diagonal is used, unless it is already an edge. A longer boundary loop gets a new
-    vertex in its middle. A boundary loop stays open in three cases:
+    diagonal. The shorter diagonal is used, unless the diagonal is already an edge. A longer boundary loop
+    gets a new vertex in its middle. A boundary loop stays open in three cases:
 
     - The area of the cap, relative to the area of the component, exceeds `most_share`. Such a loop is the
       outline of a piece. The cap of a flat piece has the share 1, and the cap of a hemisphere has 1/2.
@@ -120,8 +120,8 @@ def _find_rims(analysis: Analysis) -> _RimEdges:
     follows = begins_at[enters]
     loop, start = boundary.chain, mesh.origin[halfedge]
     whole = boundary.closed.copy()
-    # If the winding flips along a boundary, two boundary half-edges leave one fan, and none leaves another
-    # fan.
+    # If the winding flips along a boundary, two boundary half-edges leave one fan. Then no boundary half-edge
+    # leaves another fan.
     whole[loop[(np.bincount(leaves, minlength=len(begins_at))[leaves] > 1) | (follows == NONE)]] = False
     # A loop that passes through a vertex twice cannot be closed.
     order = np.lexsort((start, loop))
@@ -132,7 +132,8 @@ def _find_rims(analysis: Analysis) -> _RimEdges:
 
 
 def _measure_wedges(points: NDArray[Any], rim: _RimEdges) -> NDArray[np.float64]:
-    """Return the area (B,) of the triangle between each boundary edge and the mean position of its loop."""
+    """Return the area (B,) of a triangle for each boundary edge. The triangle connects the edge with the mean
+    position of the loop."""
     places = points[rim.start].astype(np.float64)
     middle = np.stack([np.bincount(rim.loop, axis, len(rim.sizes)) for axis in places.T], axis=1)
     middle = middle / np.maximum(rim.sizes, 1)[:, None]
@@ -148,8 +149,8 @@ def _cap_triangles(rim: _RimEdges, first: NDArray[Any]) -> Cap:
 def _cap_quadrangles(
     analysis: Analysis, rim: _RimEdges, first: NDArray[Any]
 ) -> tuple[list[Cap], NDArray[Any]]:
-    """Return caps of two faces each. Also return the loops that cannot be closed, because both diagonals are
-    already edges."""
+    """Return caps that consist of two faces. Also return the loops that cannot be closed, because both
+    diagonals are already edges."""
     count = len(analysis.vertices)
     # `corner` (n, 4) contains the vertices of each loop in order. `beside` (n, 4) contains the old face next
     # to each boundary edge.

@@ -14,7 +14,7 @@ def cut(faces: NDArray[Any], vertex_count: int) -> Change:
     """Cut edges with more than two faces, and give every fan a separate vertex. Copied vertices come last.
 
     The result is manifold: two-face edges stay connected, and every fan gets a separate vertex. At an edge
-    with more than two faces, at most two faces stay together. At both vertices of the edge, these two faces
+    with more than two faces, only two faces can stay together. At both vertices of this edge, the two faces
     are the ends of one fan. A manifold mesh does not change. The step takes O(F log F) time.
     """
     mesh = build_half_edges(faces, vertex_count)

@@ -1,4 +1,4 @@
-"""Remove small pieces: components with few faces, little area, or few covered pixels."""
+"""Remove small pieces. A piece is a component with few faces, little area, or few covered pixels."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from msb.topology.faces import face_areas, sum_areas
 from msb.topology.halfedge import build_half_edges, face_of
 from msb.topology.steps.change import Change, with_faces
 
-# By default, components with fewer faces than this are debris.
+# By default, a component with fewer faces than this is debris.
 FEWEST_FACES = 10
 
 

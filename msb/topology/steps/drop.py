@@ -10,8 +10,8 @@ from msb.topology.halfedge import NONE, build_half_edges
 from msb.topology.steps.change import Change, followed_by, with_faces
 from msb.topology.steps.cut import cut
 
-# Number of rounds with the strict choice of faces. Later rounds use a weaker rule. With the strict rule,
-# faces can wait for each other, and a long chain of such faces takes one round per face.
+# Number of rounds with the strict choice of faces. Later rounds choose faces by a weaker rule. With the
+# strict rule, faces can wait for each other, and a long chain of such faces takes one round per face.
 _ROUNDS = 64
 
 
@@ -73,7 +73,7 @@ def _restore(
         out = out[(count[edges[out]] < 2).all(axis=1)]
         if len(out) == 0:
             return
-        # A face is restored only if all of its three edges list it among the first faces.
+        # A face is restored only if it is among the first faces in the order at each of its three edges.
         face, edge = np.repeat(out, 3), edges[out].reshape(-1)
         ties = _scramble(out)
         order = np.lexsort((ties, -weight[out])) if round_number < _ROUNDS else np.argsort(ties)
@@ -87,7 +87,8 @@ def _restore(
 def _list_faces_at(
     edges: NDArray[Any], faces: NDArray[Any], wanted: NDArray[np.bool_]
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Find all edges that `wanted` (E,) marks. Return the pairs of a face (n,) and such an edge (n,)."""
+    """Find all edges that are marked in `wanted` (E,). Return the pairs of a face (n,) and such an edge
+    (n,)."""
     faces = faces[edges[faces, 0] != NONE]
     place = np.flatnonzero(wanted[edges[faces]])
     return faces[place // 3], edges[faces].reshape(-1)[place]

@@ -2,8 +2,8 @@
 
 A walk along edges transports a sense of rotation from vertex to vertex. A loop is one-sided if the sense of
 rotation is reversed after one turn along the loop. A cut along a one-sided loop removes the loop. The search
-treats the whole rim of a hole as one vertex. A cut from one rim to another rim is therefore a loop as well. A
-Moebius strip is cut across its width.
+treats all vertices along the rim of a hole as one vertex. A cut from one rim to another rim is therefore a
+loop as well. A Moebius strip is cut across its width.
 
 Turning faces never makes a one-sided loop consistent. The loop always passes an edge whose two faces have
 opposite windings. The search for short loops therefore starts at edges whose two faces have opposite
@@ -25,7 +25,7 @@ from msb.topology.steps.change import Change, followed_by, unchanged
 from msb.topology.steps.cut import split_vertices
 from msb.topology.steps.sides import Sides, find_sides, find_sides_of_faces
 
-# If the search visits more states than this, the search drops every second start, to limit time and memory.
+# If the search visits more states than this, every second start is dropped to limit time and memory.
 _VISITS = 500_000
 
 
@@ -56,7 +56,7 @@ def cut_one_sided(
 def _find_loops_to_cut(
     mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any], sides: Sides
 ) -> list[NDArray[Any]]:
-    """Return the shortest necessary loops of each one-sided component.
+    """For each one-sided component, return the shortest loops that must be cut.
 
     A loop is an array of two-face edges. The arguments `first` and `second` are the half-edges (E2,) of the
     two-face edges.
@@ -79,7 +79,7 @@ def _find_loops_to_cut(
     steps = _Steps(nodes.label[low], nodes.label[high], odd, component, clash[inside], passed)
     loops = [inside[loop] for loop in _find_shortest_odd_loops(steps)]
 
-    # A loop is unnecessary if the pieces on both sides of the loop can be wound consistently.
+    # A loop need not be cut if the pieces on both sides of the loop can be wound consistently.
     cut = np.concatenate(loops)
     rest = np.delete(np.arange(len(first)), cut)
     pieces = find_sides(mesh.face_count, face[rest], beyond[rest], differ[rest])
@@ -124,9 +124,9 @@ class _Level:
     """One level of a breadth-first search: the sorted states `place` (n,) that are reached after some number
     of steps.
 
-    A search state combines three values in one number: the start, the node, and the parity of the number of
-    odd steps so far. The field `before` is the index of the previous state in the previous level. The field
-    `step` is the step from the previous state to this state.
+    A search state is one number for three values: the start, the node, and whether the number of odd steps so
+    far is odd. The field `before` is the index of the previous state in the previous level. The field `step`
+    is the step from the previous state to this state.
     """
 
     place: NDArray[np.int64]
@@ -141,11 +141,11 @@ def _find_shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
     """Return short loops with an odd number of odd steps, as indices of `steps`.
 
     No two loops share a vertex. Every loop with an odd number of odd steps contains a start. A single
-    breadth-first search runs from all starts. Two paths from one start may reach the same node. The paths
+    breadth-first search runs from all starts. Two paths from one start may reach the same node. The two paths
     form an odd loop if their parities differ. The search in a component ends at the first level with a loop,
     because this loop is the shortest.
     """
-    # Adjacency: the steps that leave each node, as ranges first[node] : first[node + 1].
+    # The steps that leave each node are the range first[node] : first[node + 1].
     nodes, ends = np.unique(np.concatenate([steps.near, steps.far]), return_inverse=True)
     count, size = len(steps.near), 2 * len(nodes)
     leaving = np.argsort(ends, kind="stable")
@@ -198,7 +198,7 @@ def _find_shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
 
 
 def _trace_steps(levels: list[_Level], row: NDArray[Any]) -> NDArray[np.int32]:
-    """Return the steps (rows, levels - 1) that lead to the given rows of the last level."""
+    """Return the steps (rows, levels - 1) on the paths to the given rows of the last level."""
     steps = np.zeros((len(row), len(levels) - 1), np.int32)
     for number in range(len(levels) - 1, 0, -1):
         steps[:, number - 1] = levels[number].step[row]

@@ -36,13 +36,14 @@ def pair(
 
     1. Two faces at an edge have the joining cost (1 + cos a) / 2, where a is the angle between the faces. The
        cost is 0 for flat faces and 1 for folded faces. A colour difference adds `color_weight` times the
-       distance of the colours, which is 1 for black and white. At each edge with more than two faces, the
-       cheapest pair of faces is joined first, then the cheapest pair of the remaining faces.
+       distance of the colours. The distance between black and white is 1. At each edge with more than two
+       faces, the cheapest pair of faces is joined first, then the cheapest pair of the remaining faces.
     2. Joining must not prevent a consistent winding. Therefore the step keeps a minimum spanning forest of
        the pairs between parts of the surface. Other pairs are kept if they agree with the winding of this
        forest.
-    3. Fans may connect two pairs of faces at both ends of an edge. Four faces would then still share the
-       edge, so the two pairs are separated. One pass is enough, because separating a pair never joins fans.
+    3. Two pairs of faces may be joined into fans at both ends of an edge. Four faces would then still share
+       the edge, so the two pairs are separated. One pass is enough, because separating a pair never joins
+       fans.
 
     The step takes O(F log F) time. A manifold mesh does not change.
     """
@@ -104,7 +105,7 @@ def _compute_directions(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return two arrays of unit vectors.
 
-    The vectors (n, k, 3) lie in each face at a right angle to the edge, and the vectors (n, 3) lie along the
+    The vectors (n, k, 3) lie in the faces, at a right angle to the edge. The vectors (n, 3) lie along the
     edge. The vectors are zero for a face without height or an edge without length.
     """
     ends = np.sort(np.stack([mesh.origin[group[:, 0]], mesh.origin[next_in_face(group[:, 0])]]), axis=0)
@@ -135,7 +136,7 @@ def _choose_cheapest(table: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[
     """Choose pairs greedily. Return the pairs (n, k // 2, 2) and their costs.
 
     If costs are equal, the first pair wins. The argument `table` (n, k, k) holds the costs of all pairs of
-    the k faces at each of n edges.
+    faces. There are k faces at each of n edges.
     """
     count, size, _ = table.shape
     first, second = np.triu_indices(size, 1)
@@ -169,7 +170,8 @@ def _pair_opposite(sides: NDArray[np.float64], along: NDArray[np.float64]) -> ND
 
 
 def _keep_windable(mesh: HalfEdgeMesh, joined: NDArray[Any], cost: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return a mask (n,) of the half-edge pairs that can be joined while a consistent winding stays possible.
+    """Return a mask (n,) of the half-edge pairs that can be joined. After joining, a consistent winding must
+    be possible.
 
     Cheap pairs are considered first.
     """
@@ -190,7 +192,8 @@ def _keep_windable(mesh: HalfEdgeMesh, joined: NDArray[Any], cost: NDArray[np.fl
 
 
 def _keep_manifold(mesh: HalfEdgeMesh, joined: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return a mask (n,) of the half-edge pairs that can be joined so that the mesh becomes manifold.
+    """Return a mask (n,) of the half-edge pairs that can be joined. After joining, the mesh must become
+    manifold.
 
     After the vertices are split, each edge then has at most two faces.
     """
@@ -198,7 +201,7 @@ def _keep_manifold(mesh: HalfEdgeMesh, joined: NDArray[Any]) -> NDArray[np.bool_
     first, second = np.concatenate([first, joined[:, 0]]), np.concatenate([second, joined[:, 1]])
     _, group = group_corners(mesh, first, second)
     # Sort the half-edges of crowded edges by edge and by the groups at both ends. More than two equal entries
-    # mean that more than two faces would stay at one edge.
+    # mean that one edge would keep more than two faces.
     crowded = mesh.edge_halfedges[np.repeat(mesh.multiplicity > 2, mesh.multiplicity)]
     ends = np.stack([mesh.edge[crowded], *(group[corner] for corner in find_end_corners(mesh, crowded))])
     order = np.lexsort(ends)

@@ -1,4 +1,4 @@
-"""The two sides of a surface: which faces have the opposite winding, and which components are one-sided."""
+"""The two sides of a surface. This module finds faces with the opposite winding, and one-sided components."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,8 +12,8 @@ from msb.topology.halfedge import HalfEdgeMesh, face_of
 
 @dataclass(frozen=True)
 class Sides:
-    """An assignment of graph nodes to two sides. For each pair, the two nodes must be on equal or on opposite
-    sides.
+    """An assignment of graph nodes to two sides. For each pair of nodes, the two nodes must be on equal sides
+    or on opposite sides.
 
     Attributes
     ----------
@@ -44,8 +44,9 @@ def find_sides(count: int, first: NDArray[Any], second: NDArray[Any], differ: ND
     The input consists of pairs of nodes (n,). Each pair of nodes must be on opposite sides if `differ` is
     true, otherwise on equal sides. The double cover of the graph has two copies of each node, one per side. A
     component is two-sided if its cover has two parts. In a one-sided component, some pairs cannot be
-    satisfied. All pairs with equal sides are satisfied. Among the other pairs, only the pairs of a spanning
-    tree are satisfied. The function takes O(n log n) time, or O(n) without one-sided components.
+    satisfied. All pairs with equal sides are satisfied. Among the pairs with opposite sides, only the pairs
+    of a spanning tree are satisfied. The function takes O(n log n) time, or O(n) without one-sided
+    components.
     """
     # Nodes that must be on equal sides become one node.
     nodes, part = label_components(count, first[~differ], second[~differ])
@@ -93,8 +94,8 @@ def find_spanning_tree(
 
 
 def _label_double_cover(count: int, ends: NDArray[Any], other_ends: NDArray[Any]) -> NDArray[np.int32]:
-    """Return the component labels (2 count,) of the double cover: first the nodes on side 1, then the nodes
-    on side 2.
+    """Return the component labels (2 count,) of the double cover. The nodes on side 1 come first, then the
+    nodes on side 2.
 
     Pairs connect opposite sides.
     """

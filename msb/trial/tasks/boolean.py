@@ -1,4 +1,4 @@
-"""Boolean operation by manifold3d: subtract a box that covers half of the mesh."""
+"""Boolean operation by manifold3d: a box that covers half of the mesh is subtracted."""
 
 import numpy as np
 from numpy.typing import NDArray

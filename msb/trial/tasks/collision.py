@@ -22,7 +22,7 @@ from msb.trial.tasks.decimate import decimate_with_pymeshlab, draw_side_by_side
 # diagonal.
 NEAR, FAR = 0.02, 0.05
 # Limits for "works" and for "works with limitations": fraction of the shape that protrudes. A part of the
-# shape protrudes if a camera can see empty space at its place.
+# shape protrudes if a camera sees empty space at its place.
 LITTLE, MUCH = 0.1, 0.3
 # A point protrudes if its distance in front of the surface exceeds this fraction of the diagonal.
 TOLERANCE = 0.01
@@ -47,7 +47,8 @@ def _decompose(mesh: TrialMesh, given: Arrays) -> Output:
     parts = coacd.run_coacd(coacd.Mesh(mesh.vertices.astype(np.float64), mesh.faces.astype(np.int32)))
     if not parts:
         raise ValueError("it returns no part")
-    # Concatenate the parts to points (n, 3) and faces (F, 3), with indices offset by the earlier points.
+    # Concatenate the parts to points (n, 3) and faces (F, 3). The indices are shifted by the number of
+    # earlier points.
     sizes = [len(points) for points, _ in parts]
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
     points = np.concatenate([np.asarray(vertices, np.float64) for vertices, _ in parts])
@@ -85,7 +86,7 @@ def _make_hull(mesh: TrialMesh, given: Arrays) -> Output:
 
 
 def _decimate(mesh: TrialMesh, given: Arrays) -> Output:
-    """Decimate the mesh with PyMeshLab, and measure the share of the result that is far from the mesh."""
+    """Decimate the mesh with PyMeshLab. Measure the share of the result that is far from the mesh."""
     import igl
 
     shape = decimate_with_pymeshlab(mesh, {}, percent=_PERCENT).meshes["mesh"]
@@ -108,7 +109,8 @@ def _decimate(mesh: TrialMesh, given: Arrays) -> Output:
 
 
 def _measure_distances(shape: TrialMesh, given: Arrays) -> Numbers:
-    """Return the average and the 95 % quantile of the distances from the visible surface to a shape.
+    """Return two values for the distances from the visible surface to a shape: the average and the 95 %
+    quantile.
 
     Without points of the visible surface, the result is empty.
     """
@@ -152,7 +154,7 @@ def sample_inside(
 
 
 def _normalize(sizes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return sizes (n,) divided by their sum, or equal shares if all sizes are zero."""
+    """Return sizes (n,) divided by their sum. If all sizes are zero, return equal shares."""
     total = float(sizes.sum())
     return sizes / total if total > 0 else np.full(len(sizes), 1 / len(sizes))
 

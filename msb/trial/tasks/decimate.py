@@ -79,7 +79,8 @@ def _judge(mesh: TrialMesh, outputs: Outputs, renderings: Renderings, *, percent
     best: tuple[int, bool, float] | None = None
     outcome: Outcome = "fails"
     why: str | None = None
-    # Grade each library. Rank the libraries by outcome, then by reaching the target, then by PSNR.
+    # Grade each library. Rank the libraries by outcome. Equal outcomes are ranked by reaching the target,
+    # then by PSNR.
     for library, output in outputs.items():
         simplified = output.meshes["mesh"]
         reached = 0 < len(simplified.faces) <= SLACK * target

@@ -69,7 +69,8 @@ def _draw_picture(mesh: TrialMesh, outputs: Outputs, renderings: Renderings) -> 
 
 
 def find_slivers(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return a mask (F,) of slivers among the faces with corners (F, 3, 3), including faces without area."""
+    """Return a mask (F,) of the slivers. A sliver may also be a face without area. The corners of the faces
+    are (F, 3, 3)."""
     # The height of a face is twice the area divided by the longest side. Compare the height of a face with
     # its longest side.
     sides = np.roll(corners, -1, axis=1) - corners

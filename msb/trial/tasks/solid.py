@@ -109,7 +109,7 @@ def _draw_picture(mesh: TrialMesh, _: Outputs, __: Renderings) -> NDArray[Any] |
 
 
 def cut_section(mesh: TrialMesh) -> NDArray[np.float64]:
-    """Return the segments (n, 2, 2) of a cross-section: the faces cut by a plane.
+    """Return the segments (n, 2, 2) where a plane cuts the faces.
 
     The plane goes through the centre of the bounding box, perpendicular to its longest side.
     """

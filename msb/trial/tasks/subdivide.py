@@ -69,8 +69,8 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
 
 
 def find_agreeing_halfedges(mesh: HalfEdgeMesh) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the first half-edge (n,) and the second half-edge (n,) of each consistently wound edge of two
-    faces.
+    """For each consistently wound edge of two faces, return the first half-edge (n,) and the second half-edge
+    (n,).
     """
     first, second = mesh.two_face_halfedges
     agree = mesh.origin[first] != mesh.origin[second]
@@ -104,7 +104,7 @@ def measure_gap_area(
     """Return the area of the cracks that subdivision opens between coinciding edges.
 
     Two edges coincide if their ends have equal coordinates, even if they share no vertices. If more than two
-    edges coincide, each further edge is compared with the first edge. The crack between two edges consists of
+    edges coincide, all other edges are compared with the first edge. The crack between two edges consists of
     four triangles between the halves of the edges.
 
     The arguments `vertices` (V, 3) and `cut` (F, 3) are the vertices and faces of the cut mesh before the
@@ -145,8 +145,8 @@ def _find_middles(
 ) -> NDArray[np.int64]:
     """Return the new vertex (E,) at the middle of each edge from `start` (E,) to `stop` (E,).
 
-    A subdivided face abc becomes four faces. Each of three new faces consists of an old corner and two
-    middles of edges.
+    A subdivided face abc becomes four faces. Three of the new faces consist of an old corner and the middles
+    of two edges.
     """
     old = int(max(start.max(), stop.max())) + 1
     # `corner` (n,) contains the old corners. The central new face has no old corner.
@@ -156,8 +156,7 @@ def _find_middles(
     corner = corners[rows, turn]
     pairs = [(corner, corners[rows, (turn + k) % 3]) for k in (1, 2)]
     vertex, middle = (np.concatenate(column) for column in zip(*pairs, strict=True))
-    # The middle of an edge is paired with both ends of the edge. Pairs are repeated for each face at the
-    # edge.
+    # Each middle is paired with both ends of its edge. A pair is repeated for each face at the edge.
     ends = np.unique(np.stack([middle, vertex], axis=1), axis=0)
     low, high = ends[0::2, 1], ends[1::2, 1]
     # Find the edges by a key made of their two ends.

@@ -46,7 +46,7 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
         rows.append(used[original.astype(np.int64)])
         uvs.append(uv.astype(np.float32))
         charts.append(chart.astype(np.int64))
-        # If xatlas cannot place a vertex, its atlas number is -1 or the largest uint32, and its UVs are 0.
+        # If xatlas cannot place a vertex, the atlas number is -1 or the largest uint32, and the UVs are 0.
         atlases.append(placed >= 0 if placed.dtype.kind == "i" else placed != _NONE)
     original, uv, chart = (np.concatenate(parts) for parts in (rows, uvs, charts))
     left_out = ~np.concatenate(atlases)[faces].all(axis=1)
@@ -77,7 +77,7 @@ def measure_stretch(vertices: NDArray[Any], faces: NDArray[np.int64], uv: NDArra
     The map is first scaled to the area of the surface. Faces without area on the surface or in the texture
     are ignored.
     """
-    # Compute two edges (F, 3) of each face on the surface, and the same edges (F, 2) in the texture.
+    # Compute two edges (F, 3) of each face on the surface, and the same two edges (F, 2) in the texture.
     corners, mapped = (values[faces].astype(np.float64) for values in (vertices, uv))
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     a, b = mapped[:, 1] - mapped[:, 0], mapped[:, 2] - mapped[:, 0]
