@@ -121,7 +121,7 @@ def next_command(audit: Audit, source: str, output: str | None = None, plan: str
         return None
     if plan == "bake":
         return f"msb bake {source} -o {output or 'baked.glb'} --geometry surface"
-    # If a method has no native rendering, its triangle soup is merged to an ordinary mesh.
+    # If a method has no native rendering, its triangle soup is merged into an ordinary mesh.
     keeps_method = audit.method not in (None, "mesh") and "weld" not in plan
     target = output or ("repaired.triasset" if keeps_method else "repaired.glb")
     return f"msb repair {source} {target} --plan {plan}"

@@ -65,7 +65,7 @@ def for_each(
     Returns
     -------
     status : int
-        The highest exit status so far.
+        The highest exit status of the inputs.
     documents : list of dict
     """
     status = 0

@@ -21,7 +21,7 @@ def write_elements(elements: Elements, path: Path, *, overwrite: bool = True) ->
     ``kind``, ``element`` and ``component``. ``kind`` is 0 for ordinary faces. For a defective element,
     ``kind`` is 1 plus the index of its name in the field array ``kinds``. ``.csv`` has one row per element.
     ``.npz`` has one array per kind, and ``face_component``. Edges are stored as vertex pairs, other elements
-    as indices. Without `overwrite` an existing file is an error.
+    as indices. If `overwrite` is false, an existing file is an error.
     """
     with new_file(path, overwrite=overwrite) as file:
         _WRITERS[path.suffix.lower()](elements, file)
@@ -54,8 +54,8 @@ def _write_csv(elements: Elements, file: IO[bytes]) -> None:
 def _write_vtp(elements: Elements, file: IO[bytes]) -> None:
     from msb.meshes.vtp import write_vtp
 
-    # Each group of cells is a triple: the kind, the element indices (n,), and the vertex indices (n, 1 | 2 |
-    # 3).
+    # Each group of cells has three entries: the kind, the element indices (n,), and 1 to 3 vertex indices per
+    # element.
     kinds = [group.kind for group in elements.groups]
     # Each face is an ordinary cell with the kind 0. A defective face is added a second time, with its kind of
     # defect.

@@ -65,7 +65,8 @@ def _find_below(folder: Path) -> Iterator[Path]:
     """Yield the inputs in a folder and its subfolders, except hidden folders."""
     for root, folders, files in os.walk(folder):
         here = Path(root)
-        # A folder that is an asset or a checkpoint counts as one input. Its content is not searched.
+        # A folder that is an asset or a checkpoint counts as one input. The content of this folder is not
+        # searched.
         assets = [name for name in folders if is_input(here / name)]
         folders[:] = [name for name in folders if name not in assets and not name.startswith(".")]
         yield from (here / name for name in assets)

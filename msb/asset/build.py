@@ -98,7 +98,7 @@ def build_asset(
     domains : mapping of str to str
         The domains of all buffers except `positions` and `indices`.
     description : Description, optional
-        By default a mesh with static colours.
+        The default describes a mesh with static colours.
     progress : callable, optional
         Called as ``progress("hashing buffers", done, total)`` with bytes.
 
@@ -186,7 +186,7 @@ def _finite_chunks(positions: NDArray[np.float32]) -> Iterator[NDArray[np.float3
 
 
 def _columnwise(ufunc: np.ufunc, rows: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Reduce the rows (N, 3) with `ufunc`. To save time, 1024 rows are reduced side by side."""
+    """Reduce the rows (N, 3) with `ufunc`. For speed, 1024 rows are reduced side by side."""
     whole = len(rows) - len(rows) % 1024
     rest = rows[whole:]
     if whole:

@@ -23,7 +23,7 @@ MAX_TRIANGLE_DEGREE = 3
 # The orders of the columns of f_rest. In the first order, coefficient k = 1..K of channel c = 0..2 is in
 # column 3 (k - 1) + c. In the second order, coefficient k of channel c is in column c K + k - 1.
 F_REST_ORDERS = ("coefficient_major", "channel_major")
-# For each standard buffer: possible dtypes, possible lengths of the second axis, and possible domains. If the
+# For each standard buffer: allowed dtypes, allowed lengths of the second axis, and allowed domains. If the
 # length is None, the array has a single axis.
 _STANDARD: dict[str, tuple[tuple[str, ...], tuple[int, ...] | None, tuple[str, ...]]] = {
     "positions": (("float32",), (3,), ("vertex",)),
@@ -112,7 +112,7 @@ def _check_minor(data: Json, what: str, needed: str) -> Iterator[Finding]:
 
 
 def _check_primitive(data: Json) -> Iterator[Finding]:
-    """Yield findings about the primitive, and about the SH degree that it allows."""
+    """Yield findings about the primitive and about its SH degree."""
     is_splat, degree = data.get("primitive") == "gaussian", data["sh_degree"]
     if is_splat:
         yield from _check_minor(data, "Gaussians", VERSION)

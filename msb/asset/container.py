@@ -236,7 +236,7 @@ def _map_member(path: Path, member: str, *, asset: object) -> tuple[mmap.mmap | 
 def _open_member(path: Path, member: str) -> int:
     """Return a descriptor of `path`.
 
-    Links are never followed. This also holds if another program creates a link during this call.
+    Links are never followed, even if another program creates a link during this call.
     """
     flags = READ_ONLY | getattr(os, "O_NOFOLLOW", 0)
     if "/" not in member or os.open not in os.supports_dir_fd:

@@ -43,9 +43,9 @@ def first_bad(array: NDArray[Any], *, infinite: bool = False) -> tuple[int, ...]
         part = array[start : start + rows]
         with np.errstate(over="ignore", invalid="ignore"):
             # A fast test reduces each chunk to one value. The sum is finite only if all values are finite. If
-            # infinite values are allowed, the minimum is tested instead, which is NaN if any value is NaN.
-            # The sum of finite values may also overflow. If the sum is not finite, single values are
-            # therefore tested.
+            # infinite values are allowed, the minimum is tested instead. The minimum is NaN if any value is
+            # NaN. A sum of finite values may overflow. Therefore single values are tested if the sum is not
+            # finite.
             total = part.min() if infinite else part.sum(dtype=np.float64)
         if np.isnan(total) if infinite else not np.isfinite(total):
             bad = np.isnan(part) if infinite else ~np.isfinite(part)

@@ -24,7 +24,8 @@ def find_bad_rows(array: NDArray[Any], *, infinite: bool = False) -> NDArray[np.
 def find_bad_faces(
     buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str]
 ) -> tuple[NDArray[np.bool_], list[str]]:
-    """Return a mask (F,) of the faces with a value that is not finite, and the names of the affected buffers.
+    """Return a mask (F,) of the faces with values that are not finite, and the names of the buffers with such
+    values.
 
     Infinite opacities are valid, because they are the logits of 0 and 1. Ignore values that belong to no
     face.

@@ -94,7 +94,7 @@ def _check_files(manifest: Manifest, container: Container) -> list[Finding]:
 
 
 def map_buffers(manifest: Manifest, container: Container) -> Mapping[str, NDArray[Any]]:
-    """Return the buffers as read-only arrays on the mapped and checked files."""
+    """Return the buffers as read-only arrays in the mapped files."""
     arrays = {}
     for name, spec in manifest.buffers.items():
         view, start = container.map(spec.file)

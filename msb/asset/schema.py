@@ -137,7 +137,10 @@ def _type_names(wanted: str | list[str]) -> str:
 
 
 def describe(value: Any) -> str:
-    """Return `value` as text for an error message: its JSON if this is short, otherwise its type."""
+    """Return `value` as short JSON text for an error message.
+
+    For an object or a long array, return only its type.
+    """
     if isinstance(value, dict):
         return "an object"
     if isinstance(value, list):

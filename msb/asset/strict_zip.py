@@ -32,7 +32,7 @@ DESCRIPTOR = 0x0008
 # Flag: the member name is UTF-8.
 UTF8 = 0x0800
 EXTRA_ZIP64 = 0x0001
-# Extra record of Info-ZIP with a Unicode path, which some readers use as the name of the member.
+# Extra record of Info-ZIP with a Unicode path. Some readers use this path as the name of the member.
 _EXTRA_NAME = 0x7075
 
 
@@ -214,7 +214,7 @@ class _Parser:
         return Member(name, crc, size, header, start, data_end), after
 
     def local_entry(self, name: str, raw: bytes, flags: int, central: tuple[int, int, int]) -> int:
-        """Check the local header against the central header. Return the start of the data."""
+        """Check the local header against the central header. Return the position of the member's data."""
         crc, size, header = central
         label = shorten(name)
         fields = self.record(LOCAL, header, b"PK\x03\x04", "local header")

@@ -184,8 +184,8 @@ def mip_levels(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
     """Return `image` and its mip levels.
 
     Each level has half the size of the previous level, down to one texel. A texel is the average, in linear
-    light, of 2 x 2 texels of the previous level. Along odd sides a texel is the average of 3 texels instead
-    of 2. The average is rounded to bytes, like the texels that a GPU stores.
+    light, of 2 x 2 texels of the previous level. If a side has an odd length, a texel is the average of 3
+    texels along this side. The average is rounded to bytes, like the texels that a GPU stores.
     """
     levels = [image]
     for size in level_sizes(*image.shape[:2])[1:]:

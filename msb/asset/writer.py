@@ -133,7 +133,8 @@ def _write_packed(asset: Asset, file: IO[bytes], meter: Meter) -> None:
 
 
 def stored_member(archive: zipfile.ZipFile, file: IO[bytes], name: str, size: int) -> IO[bytes]:
-    """Open a member of a ZIP for writing: stored, without a date, with data aligned to 64 bytes."""
+    """Open a member of a ZIP for writing. The member is stored without compression and without a date, and
+    its data is aligned to 64 bytes."""
     info = zipfile.ZipInfo(name, _EPOCH)
     info.create_system = 3
     info.external_attr = 0o100644 << 16

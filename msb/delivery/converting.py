@@ -175,9 +175,9 @@ class Conversion:
     official: bool = False
     overwrite: bool = False
     stage: Stage = _silent
-    # Check whether a file beside the mesh, such as a texture, may be written.
+    # A function that checks whether a file beside the mesh, such as a texture, may be written.
     check_free: Callable[[Path], None] = lambda path: None
-    # Receives each warning about the input immediately.
+    # A function that is called immediately with each warning about the input.
     note: Callable[[str], None] = lambda text: None
 
     def check_target(self, target: Path) -> None:

@@ -52,8 +52,8 @@ def save(
     engine : {"unreal", "unity", "godot", "blender", "three", "web"}, optional
         Write a `.glb` that this program opens correctly without import settings. For "web", the file is the
         smallest compressed file with a PSNR of at least 50 dB in images of the asset. Textures are stored as
-        WebP, and faces are reordered. This needs the extra `compressed`. For other programs, the file is the
-        same as without this option. `engine` cannot be combined with `color` or `texture`.
+        WebP, and faces are reordered. This option needs the extra `compressed`. For other programs, the file
+        is the same as without this option. `engine` cannot be combined with `color` or `texture`.
     progress : callable, optional
         Called as ``progress("writing", done, total)``, in bytes, while a `.triasset` is written.
 

@@ -99,8 +99,8 @@ class ImageLoss:
 def web_style(images: ImageLoss) -> tuple[Style, str]:
     """Return the coarsest web style that keeps 50 dB, and a text about the measured quality.
 
-    If images cannot be compared, return the finest style. This happens without an OpenCL device, or if the
-    mesh covers too few pixels.
+    If images cannot be compared, return the finest style. Images cannot be compared without an OpenCL device,
+    or if the mesh covers too few pixels.
     """
     if images.why_not is not None:
         return _style(Web(_FINEST, _LEVELS[-1])), f"quality not measured ({images.why_not})"
@@ -123,8 +123,7 @@ def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
         return _squared_error(images.loss(replace(mesh, vertices=grid.positions)))
 
     def fewest_bits(room: float, *, by_distance: bool) -> int:
-        """Return the lowest precision of positions with an error of at most `room`. The unit is a quarter of
-        a bit."""
+        """Return the lowest precision of positions with an error of at most `room`. The unit is 1/4 bit."""
         low, high = _COARSEST, _FINEST
         while low < high:
             middle = (low + high) // 2

@@ -152,7 +152,7 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
                 warnings=asset.warnings,
                 opened_from=asset.opened_from,
             )
-    # Copy the outcome, and add the path and method of the asset to its audits.
+    # Copy the outcome. Add the path and the method of the asset to its audits.
     path = None if repaired.path is None else str(repaired.path)
     outcome = {f.name: getattr(done, f.name) for f in fields(done)}
     audits = {

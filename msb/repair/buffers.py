@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 # Face buffers whose values do not depend on the order of the corners.
 _ORDER_FREE = {"color", "f_dc", "f_rest", "opacity", "sigma", "face_texture"}
-# Names of corner buffers. For added faces, their values are interpolated along an edge.
+# Names of corner buffers. The values of these buffers are interpolated along an edge for added faces.
 _INTERPOLATED = {"uv", "color"}
 # Names of DiffSoup's buffers with samples on a barycentric lattice. The samples are permuted when a face is
 # turned.
@@ -96,7 +96,7 @@ def _carry_corners(name: str, array: NDArray[Any], change: Change, faces: NDArra
     # true if the two corners have the same vertex.
     old_vertices = change.vertex_map[change.faces[-added:]]
     same = old_vertices[:, :, None] == faces[change.added_from].astype(np.int64)[:, None]
-    # Copy the values of shared corners, and use their average for the remaining corner.
+    # Copy the values of shared corners. The remaining corner gets the average of the copied values.
     values = array.reshape(len(faces), 3, -1)[change.added_from].astype(np.float64)
     values = np.take_along_axis(values, same.argmax(axis=2)[:, :, None], axis=1)
     shared = same.any(axis=2, keepdims=True)
@@ -117,7 +117,7 @@ def build_lattice_permutation(sides: int) -> NDArray[np.intp]:
 
 
 def _average_rims(name: str, array: NDArray[Any], rims: Rims) -> NDArray[Any]:
-    """Return the average over each rim.
+    """Return the average value of each rim.
 
     If an average is not finite, for example for infinite opacities, return the first value of the rim
     instead.
@@ -138,8 +138,8 @@ def _convert_type(means: NDArray[np.float64], dtype: np.dtype[Any]) -> NDArray[A
 
 
 def _reject(name: str, content: str, change: str) -> NoReturn:
-    """Raise UNSUPPORTED_REPAIR. The values of a buffer are undefined for faces that are `change` ("turned" or
-    "added").
+    """Raise UNSUPPORTED_REPAIR. The argument `change` names the faces whose values in this buffer are
+    undefined ("turned" or "added").
     """
     step = "orient" if change == "turned" else "close"
     text = f"buffer {name} has {content}, which are undefined for {change} faces; omit {step} from the plan"

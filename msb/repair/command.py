@@ -181,7 +181,7 @@ class _Repair:
                 file = stack.enter_context(new_file(maps, overwrite=self.output.force))
                 arrays = {"vertex": done.vertex_map, "face": done.face_map, "turned": done.turned}
                 write_npz(file, arrays)
-                file.flush()  # This call detects a full disk.
+                file.flush()  # Flushing fails if the disk is full.
                 if is_stream(maps):  # Closing the stream may fail, so close it before OUT is written.
                     stack.close()
             yield
@@ -385,7 +385,8 @@ def _select_tasks(given: Sequence[str]) -> list[str]:
 
 
 def _print_comparison(rows: list[StrategyResult], views: str, output: Output) -> None:
-    """Print the comparison. The argument `views` describes the views of the PSNR, such as "8 test views"."""
+    """Print the comparison. The argument `views` names the views used for the PSNR, such as "8 test
+    views"."""
     console = output.console()
     if not console.is_terminal:
         console.width = 10_000  # A width in characters that is larger than any table.
@@ -417,8 +418,8 @@ def _print_comparison(rows: list[StrategyResult], views: str, output: Output) ->
 
 
 def recommend(rows: list[StrategyResult]) -> str:
-    """Recommend a row of the table: the best verdict, then the most tasks, the fewest defects and the highest
-    similarity.
+    """Recommend the row of the table with the best verdict. Among equal rows, the most tasks, the fewest
+    defects and then the highest similarity decide.
 
     A repair that removes visible parts of the mesh is never recommended.
     """

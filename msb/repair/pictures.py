@@ -40,7 +40,8 @@ def save_picture(
 def draw_picture(
     original: Asset, done: Repaired, camera: Camera, device: str | None = None
 ) -> NDArray[np.float32]:
-    """Return an image (H, W, 3): unchanged faces are grey, removed faces red, and added faces green."""
+    """Return an image (H, W, 3) with unchanged faces in grey, removed faces in red, and added faces in
+    green."""
     with Renderer(_color_faces(original, done), tier="standard", device=device) as renderer:
         frame = renderer.render(camera, background=(1.0, 1.0, 1.0))
     image = frame.image.copy()

@@ -24,7 +24,7 @@ NUMBERS = {
     "debris": ("debris_faces", "debris_share"),
     "close": ("close_edges", "close_share"),
 }
-# Options that are whole numbers.
+# Options that must be whole numbers.
 _WHOLE = ("debris_faces", "close_edges")
 
 
@@ -69,7 +69,7 @@ class Options:
     limits: Limits = field(default_factory=Limits)
 
     def covers(self, other: Options) -> bool:
-        """Return whether this plan includes `other`: all of its steps, and at least its weld distance and its
+        """Return whether this plan has all steps of `other`, and at least its weld distance and its
         `close_share`.
         """
         ours, theirs = (0.0 if plan.weld == "exact" else float(plan.weld) for plan in (self, other))

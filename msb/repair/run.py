@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
     Buffers = Mapping[str, NDArray[Any]]
 
-# For each step, lists the later steps after which this step need not be repeated. Turning faces moves no
-# vertex, and `debris` removes whole components. However, `orient` cuts one-sided surfaces, so a component may
-# fall apart. Therefore `debris` must be repeated after `orient`.
+# The keys are steps. Each value contains the later steps after which the step need not be repeated. Turning
+# faces moves no vertex, and `debris` removes whole components. However, `orient` cuts one-sided surfaces, so
+# a component may fall apart. Therefore `debris` must be repeated after `orient`.
 _UNTOUCHED_BY = {
     "orient": ("orient", "debris"),
     **dict.fromkeys(("pair", "cut"), ("pair", "cut", "orient", "debris")),
@@ -89,10 +89,10 @@ class Step:
 class Outcome:
     """A repaired mesh: its buffers, the finished steps, and the original index of each row.
 
-    The fields `vertex_map` (V',) and `face_map` (F',) contain the original index of each vertex and face, or
-    -1 if it was added. The field `turned` (F',) marks faces whose second and third corner were swapped. The
-    field `domains` gives the domain of each buffer. If the repair changed the mesh, UVs are stored per
-    corner.
+    The fields `vertex_map` (V',) and `face_map` (F',) contain the original index of each vertex and face. The
+    index of added vertices and faces is -1. The field `turned` (F',) marks faces whose second and third
+    corner were swapped. The field `domains` gives the domain of each buffer. If the repair changed the mesh,
+    UVs are stored per corner.
     """
 
     buffers: Buffers

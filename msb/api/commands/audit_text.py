@@ -49,7 +49,7 @@ _VERDICTS = {"agrees": "agrees", "differs_by_definition": "by definition", "disa
 
 
 def print_audit(audit: Audit, output: Output, *, paper: bool = False, hint: bool = True) -> None:
-    """Print the report of an audit. With --quiet print only the verdict.
+    """Print the report of an audit. With --quiet, print only the verdict.
 
     The argument `paper` adds the row with the paper's average of MeshSplatting. The argument `hint` adds
     commands that the user can run next.
