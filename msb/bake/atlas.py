@@ -144,8 +144,8 @@ def _make_cells(legs: Floats, block: int) -> _Cells:
     is_paired = (whole + 3).prod(axis=1) < 2 * (whole + 1).prod(axis=1)
     sides = []
     cell, number, count = np.zeros(len(legs), np.int64), np.zeros(len(legs), np.int64), 0
-    # For single faces, pairs of faces and points: select the faces, count the faces per cell, and set the
-    # margin in blocks.
+    # For pairs of faces, single faces and points: the mask of the faces, the number of faces per cell, and
+    # the margin in blocks.
     for chosen, per_cell, margin in (
         (is_paired, 2, 3),
         (~is_paired & ~is_point, 1, 1),

@@ -35,7 +35,7 @@ _STRETCH = 0.05, 2.0
 
 
 def merge_small_charts(points: Floats, faces: Ints, plane: Floats, chart: Ints) -> tuple[Floats, Ints]:
-    """For each corner (F, 3, 2), return the place in its chart. For each face (F,), return the chart.
+    """Return the place (F, 3, 2) of each corner in its chart, and the chart (F,) of each face.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ _AGGRESSIVENESS, _HIGH_AGGRESSIVENESS = 5, 7
 # Two vertices are merged if the number of pixels that show either vertex is below both limits. The limit
 # `_MAX_MERGED_PIXELS` is in pixels of an average view. The limit `_MAX_MERGED_SHARE` is relative to the
 # average number of pixels per vertex after the reduction. With these limits, unseen parts of a walled scene
-# have 10 % of the faces instead of 43 %. PSNR rises by 0.3 dB.
+# have 10 % of the faces instead of 43 %. These limits raise the PSNR by 0.3 dB.
 _MAX_MERGED_PIXELS, _MAX_MERGED_SHARE = 2.0, 0.1
 # Before merging, a trial reduction collapses edges until this share of the face budget remains. Only vertices
 # at these edges are merged. This limit prevents unseen parts from becoming too coarse.

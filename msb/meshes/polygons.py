@@ -355,8 +355,7 @@ def _area(a: Point, b: Point, c: Point) -> Floats:
 def find_wrong_polygon(
     faces: NDArray[np.int64], polygon: NDArray[np.int64], vertices: int
 ) -> tuple[int, int] | None:
-    """Return the first polygon with an invalid vertex index (outside 0..`vertices` - 1). Also return this
-    index.
+    """Return the first polygon with an invalid vertex index (outside 0..`vertices` - 1), and this index.
 
     Return None if all indices are valid. The arguments `faces` (F, 3) and `polygon` (F,) are the triangles
     and polygons of a `Triangulation`.

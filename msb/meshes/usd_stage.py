@@ -235,7 +235,7 @@ class _Reader:
         stored = primvar.ComputeFlattened(self._time)
         try:
             values = np.array([] if stored is None else stored, np.float32)
-        except (TypeError, ValueError):  # values of a text type, for example
+        except (TypeError, ValueError):  # Values of a text type cannot be converted.
             values = np.array([], np.float32)
         kind = str(primvar.GetInterpolation())
         domain = _DOMAINS.get(kind, "vertex")

@@ -14,7 +14,7 @@ from msb.topology.audit import Audit, Sample
 from msb.topology.metric_text import format_metric
 from msb.topology.verdict import Level, judge, percent
 
-# The columns of the paper's table of mesh diagnostics, in its order.
+# The columns of the paper's table of mesh diagnostics, in the order of this table.
 _COLUMNS = (
     ("V/F", "vf_ratio"),
     ("Valence", "mean_valence"),

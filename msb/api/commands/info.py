@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 def info(path: Source, output: JsonOutput) -> None:
     """Show the contents of an asset, checkpoint or mesh file: method, counts, bounds, settings and buffers.
 
-    For a .triasset, msb info reads the manifest and checks paths and sizes. The command msb validate
-    also checks the values. For a mesh file or checkpoint, msb info shows the asset that msb convert would
-    write. Gaussian splats are not a mesh. The command shows Gaussian splats, and ends with exit status 4.
+    For a .triasset, msb info reads the manifest and checks paths and sizes. The command msb validate also
+    checks the values. For a mesh file or checkpoint, msb info shows the asset that msb convert would write.
+    Gaussian splats are not a mesh. The command shows Gaussian splats, and ends with exit status 4.
     """
     from msb.api.command_files import open_asset
     from msb.asset.tiers import reject_gaussians

@@ -30,8 +30,8 @@ def split_vertices(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any]
     faces = mesh.faces
     count, group = group_corners(mesh, first, second)
     corners = np.flatnonzero(group != NONE)
-    # The first group at each vertex keeps the vertex index. All other groups get new indices, from
-    # vertex_count on.
+    # The first group at each vertex keeps the vertex index. The indices of all other groups start at
+    # vertex_count.
     group_vertex = np.zeros(count, faces.dtype)
     group_vertex[group[corners]] = mesh.origin[corners]
     _, keeps = np.unique(group_vertex, return_index=True)  # Groups are numbered by their first corner.
