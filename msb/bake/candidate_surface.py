@@ -321,7 +321,7 @@ def _reduce(surface: ClosedSurface, budget: int, context: SearchContext) -> Redu
     Return the surface with the smallest validation error. In the first surface, vertices of unseen parts are
     merged before the reduction. In the second surface, these vertices are not merged, because merged parts
     may cut through visible parts. With a small budget, a third surface is made. The third surface is reduced
-    to twice as many faces, its thin parts are repaired, and it is reduced again.
+    to twice as many faces. Then its thin parts are repaired, and the surface is reduced again.
     """
     budget, original_faces = max(budget, MIN_CLOSED_FACES), len(surface.faces)
     cameras, space = context.training.cameras, surface.space

@@ -97,7 +97,7 @@ def write_assets(
         raise UsageError("USAGE", "missing output; pass a path to write to")
     list_output_files(paths, [asset.ending for asset in assets])
     writes: list[tuple[Path, WriteFile]] = []
-    # For each asset, store its file at the first path, and the number of files so far.
+    # For each asset, store the path of its file in the first output, and the number of files so far.
     main: list[tuple[Path, int]] = []
     for path in paths:
         for asset in assets:

@@ -22,10 +22,10 @@ _INWARDS = 0.25
 def with_vertex_uvs(mesh: Mesh) -> Mesh:
     """Return `mesh` with one UV and one normal per vertex. Faces and vertices are grouped by texture.
 
-    A vertex is split if its corners have different coordinates or normals (compared bit by bit) or different
-    textures. Normals stay an array with one row per corner. A split vertex keeps its index for the first
-    copy. The other copies are appended to the vertices with the same texture. Faces keep their order within a
-    group.
+    A vertex is split if its corners have different textures, coordinates or normals. The last two are
+    compared bit by bit. Normals stay an array with one row per corner. A split vertex keeps its index for the
+    first copy. The other copies are appended to the vertices with the same texture. Faces keep their order
+    within a group.
     """
     if mesh.corner_uvs is None and mesh.face_textures is None and mesh.corner_normals is None:
         return mesh

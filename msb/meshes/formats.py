@@ -87,7 +87,7 @@ Kept = Literal["vertex_colors", "face_colors", "vertex_uvs", "normals", "texture
 class Format:
     """One mesh format.
 
-    A built-in format is declared in its module and registered by one line in `msb.meshes.files`. Another
+    A built-in format is declared in a module, and registered by one line in `msb.meshes.files`. Another
     package registers its format with an entry point of the group `msb.meshes` (docs/extending.md).
 
     Attributes

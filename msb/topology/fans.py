@@ -40,8 +40,8 @@ class Fans:
 
 
 def find_end_corners(mesh: HalfEdgeMesh, halfedges: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """For each half-edge, return two corners of its face: the corner at the low vertex of the edge, and the
-    corner at the high vertex.
+    """For each half-edge, return two corners of its face. The first corner is at the low vertex of the edge,
+    and the second corner is at the high vertex.
     """
     after = next_in_face(halfedges)
     origin = mesh.origin
