@@ -12,9 +12,9 @@ if TYPE_CHECKING:
 
 Level = Literal["ok", "limited", "bad"]
 
-# Tasks that need a manifold surface. With other meshes, tools reject the mesh or open cracks. According to
-# the paper, UV unwrapping and collision also need a manifold surface ("Mesh Structural Results": Local
-# structure). However, tools for these two tasks cut and join the mesh themselves, see docs/trial.md.
+# Tasks that need a manifold surface. Tools reject other meshes or tear them open. According to the paper, UV
+# unwrapping and collision also need a manifold surface ("Mesh Structural Results": Local structure). However,
+# tools for these two tasks cut and join the mesh themselves, see docs/trial.md.
 SOLID_TOOLS = "subdivision, booleans or printing"
 # Limits for non-manifold edges or vertices: a share and a number. A tool or a person can repair a mesh within
 # both limits. Within both limits, the level of the verdict is LIMITED. Beyond one of the limits, the level is
@@ -165,8 +165,7 @@ def _describe_merged(audit: Audit) -> str:
 
 
 def _name_merged(audit: Audit) -> str:
-    """Return the name of the vertices that the weld of `audit.merged` merges: "coincident vertices" or nearby
-    vertices."""
+    """Return the name of the vertices that the weld of `audit.merged` merges, such as "coincident vertices"."""
     within = "exact" if audit.merged is None else audit.merged.weld
     return "coincident vertices" if within == "exact" else f"vertices within {within:g}"
 
