@@ -165,7 +165,7 @@ def _describe_merged(audit: Audit) -> str:
 
 
 def _name_merged(audit: Audit) -> str:
-    """Return the name of the vertices that the weld of `audit.merged` merges, such as "coincident vertices"."""
+    """Return a name for the vertices merged by the weld of `audit.merged`, such as "coincident vertices"."""
     within = "exact" if audit.merged is None else audit.merged.weld
     return "coincident vertices" if within == "exact" else f"vertices within {within:g}"
 
