@@ -52,11 +52,12 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
     Parameters
     ----------
     vertices : (V, 3) real numbers, Asset, path-like, pair or mesh
-        Coordinates in any unit of length; NaN values are allowed and counted. Omit `faces` for all other
+        Coordinates in any unit of length. NaN values are allowed and counted. Omit `faces` for all other
         inputs. The other inputs are an asset, a path that `msb.open` accepts, a pair ``(vertices, faces)``, a
         `msb.meshes.Mesh`, any object with `vertices` and `faces` such as a trimesh, and a pyvista PolyData.
         The method `triangulate` of a PolyData splits its polygons. The audit of a mesh file uses the
-        precision of the file, as `msb audit PATH` does. In contrast, `msb.open` rounds to float32.
+        precision of the file, as `msb audit PATH` does. In contrast, `msb.open` rounds coordinates to
+        float32.
     faces : (F, 3) integers
         0-based vertex indices.
     weld : "exact" or float, optional
@@ -79,8 +80,8 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
 
     Examples
     --------
-    A book of three pages has one non-manifold edge, which is its spine. The two ends of the spine are
-    non-manifold vertices.
+    As an example, three pages share one edge, like the pages of a book. This edge (the spine) is
+    non-manifold. The two ends of the spine are non-manifold vertices.
 
     >>> import msb
     >>> points = [[0, 0, 0], [0, 0, 1], [1, 0, 0], [-1, 1, 0], [-1, -1, 0]]
@@ -100,7 +101,8 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
 
 
 def audit_stored(mesh: StoredMesh, *, weld: Weld | None = None) -> tuple[Audit, Analysis]:
-    """Return the audit of a stored mesh with its path and method. Also return the analysis for viewers."""
+    """Return the audit of a stored mesh. The audit contains the path and the method. Also return the analysis
+    for viewers."""
     with about(mesh.path):
         report, analysis = audit_arrays(mesh.vertices, mesh.faces, weld=weld, attributes=mesh.attributes)
     path = None if mesh.path is None else str(mesh.path)
@@ -119,7 +121,7 @@ def next_command(audit: Audit, source: str, output: str | None = None, plan: str
         return None
     if plan == "bake":
         return f"msb bake {source} -o {output or 'baked.glb'} --geometry surface"
-    # The triangle soup of a method without native rendering is merged to an ordinary mesh.
+    # If a method has no native rendering, its triangle soup is merged into an ordinary mesh.
     keeps_method = audit.method not in (None, "mesh") and "weld" not in plan
     target = output or ("repaired.triasset" if keeps_method else "repaired.glb")
     return f"msb repair {source} {target} --plan {plan}"

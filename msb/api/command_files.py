@@ -45,7 +45,7 @@ def for_each(
     work: Callable[[Path, bool], tuple[dict[str, Any], int]],
     single: Iterable[str] = (),
 ) -> tuple[int, list[dict[str, Any]]]:
-    """Process all inputs in turn, and write a JSON document for each.
+    """Process all inputs one after the other. Write a JSON document for each input.
 
     If an input fails, its error is printed. With several inputs, a JSON document with the error is also
     written.
@@ -65,7 +65,7 @@ def for_each(
     Returns
     -------
     status : int
-        The highest exit status.
+        The highest exit status of the inputs.
     documents : list of dict
     """
     status = 0
@@ -112,7 +112,7 @@ def for_each(
 
 
 def _without_repeats(paths: Iterable[Path]) -> list[Path]:
-    """Return `paths` without later paths to the same file. Several hard links to one file are all kept."""
+    """Return `paths` without later paths to the same file. All hard links to a file are kept."""
     first: dict[str, Path] = {}
     for path in paths:
         first.setdefault(real_place(path), path)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from msb.base.own_folder import own_folder
 
-# The data in `data_stubs`, without the scripts that create the data. pyproject.toml lists the same files
-# for a wheel.
+# The data in `data_stubs`, without the scripts that create the data. A list in pyproject.toml contains the
+# same files for wheels.
 CONTENTS = (
     "checkpoint",
     "models",
@@ -41,6 +41,6 @@ def write_demo(folder: str | os.PathLike[str], *, overwrite: bool = True) -> int
             if path.is_dir():
                 place.mkdir()
             else:
-                # Do not copy the file mode, because an installation can be read-only.
+                # Do not copy the file mode, because the files of an installation may be read-only.
                 shutil.copyfile(path, place)
     return sum(path.stat().st_size for path in paths if path.is_file())

@@ -21,7 +21,7 @@ def write_elements(elements: Elements, path: Path, *, overwrite: bool = True) ->
     ``kind``, ``element`` and ``component``. ``kind`` is 0 for ordinary faces. For a defective element,
     ``kind`` is 1 plus the index of its name in the field array ``kinds``. ``.csv`` has one row per element.
     ``.npz`` has one array per kind, and ``face_component``. Edges are stored as vertex pairs, other elements
-    as indices. Without `overwrite` an existing file is an error.
+    as indices. If `overwrite` is false, an existing file is an error.
     """
     with new_file(path, overwrite=overwrite) as file:
         _WRITERS[path.suffix.lower()](elements, file)
@@ -35,14 +35,14 @@ def _write_npz(elements: Elements, file: IO[bytes]) -> None:
 
 
 def _write_csv(elements: Elements, file: IO[bytes]) -> None:
-    # Detach the wrapper at the end. Otherwise the wrapper would close the file.
+    # Detach the wrapper at the end, so that the wrapper does not close the file.
     text = io.TextIOWrapper(file, "utf-8", newline="", write_through=True)
     try:
         writer = csv.writer(text)
         writer.writerow(["kind", "element", "component", "vertices", "x", "y", "z"])
         for group in elements.groups:
             of_faces = group.vertices.shape[1] == 3
-            # An element has the position of its first vertex.
+            # The position of an element is the position of its first vertex.
             for number, ends in zip(group.numbers.tolist(), group.vertices.tolist(), strict=True):
                 component = int(elements.face_component[number]) if of_faces else ""
                 place = elements.vertices[ends[0]].tolist()
@@ -54,12 +54,14 @@ def _write_csv(elements: Elements, file: IO[bytes]) -> None:
 def _write_vtp(elements: Elements, file: IO[bytes]) -> None:
     from msb.meshes.vtp import write_vtp
 
-    # Cells are triples (kind, element indices (n,), vertex indices (n, 1 | 2 | 3)).
+    # Each group of cells has three entries: the kind, the element indices (n,), and 1 to 3 vertex indices per
+    # element.
     kinds = [group.kind for group in elements.groups]
-    # Every face is an ordinary cell of kind 0. A defective face is added again with its own kind.
+    # Each face is an ordinary cell with the kind 0. A defective face is added a second time, with its kind of
+    # defect.
     plain = (0, np.arange(len(elements.faces)), elements.faces)
     cells = [(kinds.index(group.kind) + 1, group.numbers, group.vertices) for group in elements.groups]
-    # VTK expects points, lines, then polygons.
+    # VTK expects the order points, lines, polygons.
     cells = sorted([plain, *cells], key=lambda cell: cell[2].shape[1])
 
     def joined(size: int) -> NDArray[Any]:

@@ -31,7 +31,7 @@ _PATTERN = re.compile(r"\s*(?:(?:counts|metrics)\.)?([a-z_]+)\s*(>=|<=|==|!=|>|<
 FailingLevel = Literal["limited", "bad"]
 _FAILING: dict[FailingLevel, tuple[Level, ...]] = {"limited": ("limited", "bad"), "bad": ("bad",)}
 Profile = Literal["game", "print", "research"]
-# The conditions that make a mesh unfit, for each purpose. We chose the limits of `game` and `print`.
+# For each purpose, the conditions under which a mesh is unfit. We chose the limits of `game` and `print`.
 PROFILES: dict[Profile, tuple[str, ...]] = {
     # For engines. Simplification, subdivision and UV unwrapping need connected faces. A closed mesh has V/F =
     # 0.5, and a triangle soup has V/F = 3. Props (game objects) may consist of pieces. Engines duplicate
@@ -55,7 +55,7 @@ PROFILES: dict[Profile, tuple[str, ...]] = {
         "duplicate_faces>0",
         "repeated_index_faces>0",
     ),
-    # The mesh must be connected at least as well as the paper's average of MeshSplatting (Table
+    # The mesh must be at least as connected as the paper's average of MeshSplatting (Table
     # mesh_connectivity).
     "research": (
         "nonfinite_faces>0",
@@ -104,8 +104,8 @@ class Gate:
     def check(self, audit: Audit, path: Path) -> GateFailed | None:
         """Return an error if the condition is true for `audit`.
 
-        A profile checks the mesh after the requested weld, or otherwise the mesh with merged seams. A ratio
-        with the denominator 0 also fails, because an empty mesh must not pass.
+        A profile checks the mesh after the requested weld. Without a weld, seams are merged. A ratio with the
+        denominator 0 fails as well, because an empty mesh must not pass.
         """
         judged = audit if self.profile is None else audit.welded or audit.judged
         value = {**asdict(judged.counts), **asdict(judged.metrics)}[self.key]
@@ -124,7 +124,7 @@ class VerdictGate:
     level: FailingLevel
 
     def check(self, audit: Audit, path: Path) -> GateFailed | None:
-        """Return the error, with the reason of the verdict, if the verdict is `level` or worse."""
+        """If the verdict is `level` or worse, return the error with the reason of the verdict."""
         from msb.topology.verdict import judge
 
         verdict = judge(audit)

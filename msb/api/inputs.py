@@ -38,7 +38,8 @@ def matches(path: Path) -> list[Path]:
 
 
 def inputs_at(path: Path) -> list[Path]:
-    """Return an input itself. For a folder, return its assets, checkpoints and mesh files, sorted."""
+    """If the path is not a folder, return the path itself. For a folder, return the assets, checkpoints and
+    mesh files inside, in sorted order."""
     if not _is_folder(path) or is_asset(path) or is_checkpoint(path):
         return [path]
     inputs = sorted(_find_below(path))
@@ -64,7 +65,8 @@ def _find_below(folder: Path) -> Iterator[Path]:
     """Yield the inputs in a folder and its subfolders, except hidden folders."""
     for root, folders, files in os.walk(folder):
         here = Path(root)
-        # A folder that is an asset or checkpoint is one input, so its content is not searched.
+        # A folder that is an asset or a checkpoint counts as one input. The content of this folder is not
+        # searched.
         assets = [name for name in folders if is_input(here / name)]
         folders[:] = [name for name in folders if name not in assets and not name.startswith(".")]
         yield from (here / name for name in assets)
@@ -77,4 +79,4 @@ def is_input(folder: Path) -> bool:
     try:
         return is_asset(folder) or is_checkpoint(folder)
     except InputError:
-        return True  # Opening this input reports the error.
+        return True  # The error is reported when this input is opened.

@@ -94,20 +94,20 @@ class StoredMesh:
     Attributes
     ----------
     path : Path or None
-        None for a mesh that is not from a file.
+        The value is None for a mesh that is not from a file.
     buffers : mapping of str to ndarray
-        Arrays with the names of an asset: `positions` (V, 3) floats, `indices` (F, 3) integers, and all other
-        arrays of the file.
+        Arrays with the names of an asset. `positions` (V, 3) contains floats, and `indices` (F, 3) contains
+        integers. All other arrays of the file are included.
     domains : mapping of str to str
         The domain of `color` and other buffers that have a row for each vertex, face or corner.
     method : str or None
-        None for a mesh file.
+        The value is None for a mesh file.
     up : str
         The axis that points up, such as "+y", or "unknown".
     warnings : tuple of Finding
         Warnings of the reader, such as ignored parts of a mesh file.
     sampler : Sampler or None
-        How textures are sampled; None if textures are missing or were not read.
+        How textures are sampled. The value is None if textures are missing or were not read.
     """
 
     path: Path | None
@@ -125,7 +125,7 @@ class StoredMesh:
 
     @property
     def faces(self) -> NDArray[Any]:
-        """The vertex numbers (F, 3) of the faces."""
+        """The vertex indices (F, 3) of the faces."""
         return self.buffers["indices"]
 
     @property
@@ -141,8 +141,8 @@ class StoredMesh:
 def read_stored(path: str | os.PathLike[str], *, images: bool = False) -> StoredMesh:
     """Read the mesh of any file that `open` accepts, exactly as it is stored.
 
-    The mesh includes faces that an STE threshold hides, and coordinates that are NaN. With `images`, the
-    textures of a mesh file are read as well. The textures of an asset are always read.
+    Faces below the STE threshold and NaN coordinates are included. If `images` is true, the textures of a
+    mesh file are read as well. The textures of an asset are always read.
     """
     from msb.adapters.exporter import read_model
     from msb.adapters.locate import is_mesh_file
@@ -170,7 +170,7 @@ def _store(mesh: Mesh, path: Path | None) -> StoredMesh:
     from msb.meshes.mesh import report_left_out
     from msb.meshes.writing import check_indices
 
-    if mesh.wrong_face is not None:  # Only the reader knows the line of an invalid index.
+    if mesh.wrong_face is not None:  # Only the reader knows the line number of an invalid index.
         with about(path):
             check_indices(mesh)
     # Vertex colours take precedence over face colours.

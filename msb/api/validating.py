@@ -26,8 +26,8 @@ def validate(path: str | os.PathLike[str]) -> Validation:
     Returns
     -------
     Validation
-        The attributes are `valid` and `findings`; errors come first. `print` shows the result as a readable
-        list. `msb validate --explain CODE` gives the remedy for a code.
+        The result has the attributes `valid` and `findings`. Errors come first. `print` shows the result as a
+        readable list. `msb validate --explain CODE` gives the remedy for a code.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def _degenerate(positions: Any, indices: Any) -> Iterator[Finding]:
     from msb.topology.arrays import mesh_arrays
     from msb.topology.faces import face_areas, find_duplicate_faces, has_no_area, names_vertex_twice
 
-    # Masks of the faces (F,) and vertices (V,) with each problem.
+    # For each problem, a mask of the affected faces (F,) or vertices (V,).
     points, faces = mesh_arrays(positions, indices)
     repeated = names_vertex_twice(faces)
     area, finite = face_areas(points, faces)

@@ -1,7 +1,7 @@
 """Activation functions of stored parameters.
 
 Renderers, face selection by STE threshold, and official exports use these functions. The reference renderers
-implement the activation functions separately. Tests compare these functions with the reference renderers.
+have their own code for these functions. Tests compare these functions with the reference renderers.
 """
 
 import numpy as np
@@ -13,9 +13,8 @@ from msb.asset.asset import Asset
 def sigmoid(logits: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return 1 / (1 + exp(-x)). Each operation is rounded to float32, as in torch.
 
-    For some logits, a single rounding of a float64 result gives a different float32 value. If an STE
-    threshold lay between the two values, different faces would be hidden. Infinite logits give the opacities
-    0 and 1.
+    Rounding a float64 result once would give a different float32 value for some logits. If an STE threshold
+    lies between the two values, different faces are hidden. Infinite logits give the opacities 0 and 1.
     """
     with np.errstate(over="ignore"):
         return np.asarray(1 / (1 + exponential(-np.asarray(logits, np.float32))))

@@ -17,7 +17,7 @@ def check_type(name: str, value: object, kind: type, wanted: str) -> None:
 
 
 def checked_number(name: str, value: object, *, whole: bool = False) -> float:
-    """Return a number of Python or NumPy as a Python number. The number must be 0 or more."""
+    """Return a number of Python or NumPy as a Python number."""
     kind = Integral if whole else Real
     if isinstance(value, kind) and not isinstance(value, bool | np.bool_):
         number = int(value) if isinstance(value, Integral) else float(value)

@@ -38,7 +38,7 @@ class Asset:
         Read-only arrays of the declared shape and dtype. In a loaded asset, buffers are views of the
         memory-mapped file.
     path : Path or None
-        The `.triasset` of the buffers; None if the asset was built in memory.
+        The `.triasset` of the buffers. The value is None if the asset was built in memory.
     warnings : tuple of Finding
         Problems that `load` reported as warnings.
     opened_from : Path or None
@@ -48,12 +48,12 @@ class Asset:
     Notes
     -----
     `load` does not read the values. Check the values before computing with them. The memory mapping exists as
-    long as an array refers to it. If another program truncates the file, reading the missing part ends the
-    process, as for any memory mapping.
+    long as an array refers to it. If another program truncates the file, reading the missing part ends this
+    process, as with any memory mapping.
 
     `copy.copy` shares the arrays and the mapping. `copy.deepcopy` and `pickle` copy the values, so that the
     copy does not need the file. To pass an asset to another process on the same machine, send its path.
-    A copy keeps the value of `path`.
+    A copy of the asset keeps the value of `path`.
 
     Examples
     --------
@@ -84,7 +84,7 @@ class Asset:
 
     @property
     def faces(self) -> NDArray[np.int64]:
-        """The 0-based vertex numbers (F, 3) of all stored faces as a new array."""
+        """The vertex indices (F, 3) of all stored faces as a new array. Indices start at 0."""
         return self.buffers["indices"].astype(np.int64)
 
     @property
@@ -167,7 +167,7 @@ class Asset:
 
 
 def _restored(manifest: Manifest, buffers: dict[str, NDArray[Any]], *others: Any) -> Asset:
-    """Return an asset with these attributes. The buffers of the asset are read-only."""
+    """Return an asset with the given attributes and read-only buffers."""
     views = {name: array.view() for name, array in buffers.items()}
     for view in views.values():
         view.flags.writeable = False

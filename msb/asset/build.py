@@ -40,7 +40,7 @@ from msb.base.version import __version__
 from msb.errors import AssetError
 from msb.registry import TIERS
 
-# Number of rows of a buffer that are processed at a time. Chunks limit the memory without costing time.
+# Number of rows of a buffer that are processed at a time.
 CHUNK_ROWS = 1 << 20
 
 # Number of bytes that are hashed or written at a time.
@@ -98,7 +98,7 @@ def build_asset(
     domains : mapping of str to str
         The domains of all buffers except `positions` and `indices`.
     description : Description, optional
-        By default a mesh with static colours.
+        The default describes a mesh with static colours.
     progress : callable, optional
         Called as ``progress("hashing buffers", done, total)`` with bytes.
 
@@ -186,7 +186,7 @@ def _finite_chunks(positions: NDArray[np.float32]) -> Iterator[NDArray[np.float3
 
 
 def _columnwise(ufunc: np.ufunc, rows: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return `ufunc` reduced over the rows (N, 3). To save time, 1024 rows are reduced side by side."""
+    """Reduce the rows (N, 3) with `ufunc`. For speed, 1024 rows are reduced side by side."""
     whole = len(rows) - len(rows) % 1024
     rest = rows[whole:]
     if whole:
@@ -217,7 +217,7 @@ def _topology(positions: NDArray[np.float32], indices: NDArray[np.uint32]) -> To
 
 
 def first_shared(indices: NDArray[np.uint32]) -> int | None:
-    """Return the first corner i (0 to 3 F - 1) whose vertex index is not i.
+    """Return the first corner i (0 to 3 F - 1) whose vertex index differs from i.
 
     Return None for a triangle soup.
     """

@@ -23,8 +23,8 @@ MAX_TRIANGLE_DEGREE = 3
 # The orders of the columns of f_rest. In the first order, coefficient k = 1..K of channel c = 0..2 is in
 # column 3 (k - 1) + c. In the second order, coefficient k of channel c is in column c K + k - 1.
 F_REST_ORDERS = ("coefficient_major", "channel_major")
-# For each standard buffer: its possible dtypes, lengths of the second axis, and domains. The length None
-# means an array with a single axis.
+# For each standard buffer: allowed dtypes, allowed lengths of the second axis, and allowed domains. If the
+# length is None, the array has a single axis.
 _STANDARD: dict[str, tuple[tuple[str, ...], tuple[int, ...] | None, tuple[str, ...]]] = {
     "positions": (("float32",), (3,), ("vertex",)),
     "indices": (("uint32",), (3,), ("face",)),
@@ -44,7 +44,7 @@ _STANDARD: dict[str, tuple[tuple[str, ...], tuple[int, ...] | None, tuple[str, .
 def check_manifest(data: Any) -> list[Finding]:
     """Return all findings about the parsed manifest `data`.
 
-    A wrong format or major version ends the check, because other keys may then have another meaning.
+    If the format or the major version is wrong, the check ends, because other keys may have another meaning.
     """
     if not isinstance(data, dict):
         text = f"the manifest is {describe(data)}; it must be an object"
@@ -104,14 +104,15 @@ def _version(data: Json) -> tuple[int, int]:
 
 
 def _check_minor(data: Json, what: str, needed: str) -> Iterator[Finding]:
-    """Yield a finding if the manifest uses the feature `what`, but is older than the version `needed`."""
+    """Yield a finding if the manifest uses a feature (`what`) of the version `needed`, but states an older
+    version."""
     if _version(data) < _version({"version": needed}):
         text = f"version is {data['version']}; {what} need {needed}"
         yield finding("TRIASSET_FIELD", text, pointer="/version", value=data["version"], limit=needed)
 
 
 def _check_primitive(data: Json) -> Iterator[Finding]:
-    """Yield findings about the primitive, and about the SH degree that it allows."""
+    """Yield findings about the primitive and about its SH degree."""
     is_splat, degree = data.get("primitive") == "gaussian", data["sh_degree"]
     if is_splat:
         yield from _check_minor(data, "Gaussians", VERSION)

@@ -35,8 +35,8 @@ from msb.errors import AssetError, Finding, InputError, finding, shorten
 _CRC_CHUNK = 1 << 24
 # Maximum number of folder entries that are listed.
 _MAX_LISTED = 1000
-# Maximum length of an extra field in bytes. Padding to 64 bytes and a ZIP64 record need fewer bytes. A
-# longer extra field could hide data.
+# Maximum length of an extra field in bytes. The padding to 64 bytes and a ZIP64 record need fewer bytes than
+# this. A longer extra field might hide data.
 _MAX_EXTRA = 128
 _DOS_FOLDER = 0x10
 _BUFFER_FILE = re.compile(r"buffers/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}\.bin\Z")
@@ -67,7 +67,7 @@ class _Packed(Policy):
         return name.casefold()
 
     def check_entry(self, name: str, extra: int, attributes: int, at: int) -> None:
-        """Reject members that an unpacking program could turn into a link, a folder or a device."""
+        """Reject members that a program would unpack as a link, a folder or a device."""
         if extra > _MAX_EXTRA:
             self.refuse("DAMAGED", f"{name} has {extra} bytes of extra data", at)
         kind = stat.S_IFMT(attributes >> 16)
@@ -173,7 +173,7 @@ class FolderContainer:
         findings: list[Finding] = []
         for folder, prefix in ((self.path, ""), (self.path / "buffers", "buffers/")):
             if prefix and not stat.S_ISDIR(_mode(folder)):
-                continue  # Another check reports a missing folder or a link.
+                continue  # A missing folder or a link is reported by another check.
             try:
                 with os.scandir(folder) as entries:
                     names += [prefix + entry.name for entry in itertools.islice(entries, _MAX_LISTED)]

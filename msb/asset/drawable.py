@@ -14,7 +14,7 @@ _CHUNK = 1 << 23
 
 
 def check_drawable(asset: Asset, names: Iterable[str] | None = None) -> None:
-    """Check in one pass over the buffers that the values of an asset can be drawn.
+    """Check in a single pass over the buffers that the asset can be drawn.
 
     The argument `names` contains the float buffers to check. By default, all float buffers are checked.
 
@@ -34,7 +34,7 @@ def check_drawable(asset: Asset, names: Iterable[str] | None = None) -> None:
 
 
 def first_bad(array: NDArray[Any], *, infinite: bool = False) -> tuple[int, ...] | None:
-    """Return the index of the first value of `array` (N, ...) that is NaN or infinite, or None.
+    """Return the index of the first NaN or infinite value of `array` (N, ...), or None.
 
     With `infinite`, infinite values are allowed.
     """
@@ -42,9 +42,10 @@ def first_bad(array: NDArray[Any], *, infinite: bool = False) -> tuple[int, ...]
     for start in range(0, len(array) if array.size else 0, rows):
         part = array[start : start + rows]
         with np.errstate(over="ignore", invalid="ignore"):
-            # A fast test reduces each chunk to one value. The minimum is NaN if any value is NaN, and a
-            # finite sum has only finite terms. A sum of finite values can also overflow. Therefore single
-            # values are tested if the sum is not finite.
+            # A fast test reduces each chunk to one value. The sum is finite only if all values are finite. If
+            # infinite values are allowed, the minimum is tested instead. The minimum is NaN if any value is
+            # NaN. A sum of finite values may overflow. Therefore single values are tested if the sum is not
+            # finite.
             total = part.min() if infinite else part.sum(dtype=np.float64)
         if np.isnan(total) if infinite else not np.isfinite(total):
             bad = np.isnan(part) if infinite else ~np.isfinite(part)

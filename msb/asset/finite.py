@@ -24,10 +24,11 @@ def find_bad_rows(array: NDArray[Any], *, infinite: bool = False) -> NDArray[np.
 def find_bad_faces(
     buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str]
 ) -> tuple[NDArray[np.bool_], list[str]]:
-    """Return a mask (F,) of the faces with a non-finite value, and the names of the buffers with such values.
+    """Return a mask (F,) of the faces with values that are not finite, and the names of the buffers with such
+    values.
 
-    Infinite opacities are valid, because they are the logits of 0 and 1. Values that belong to no face are
-    ignored.
+    Infinite opacities are valid, because they are the logits of 0 and 1. Ignore values that belong to no
+    face.
     """
     faces = buffers["indices"]
     bad, names = np.zeros(len(faces), bool), []
@@ -36,7 +37,7 @@ def find_bad_faces(
         domain = "vertex" if name == "positions" else domains.get(name)
         if rows is None or domain not in ("vertex", "face", "corner"):
             continue
-        # `of_face` (F, k) marks faces whose values, vertices or corners are not finite.
+        # Collect the values `of_face` (F, k): whether a value, vertex or corner of the face is not finite.
         of_face = rows[faces] if domain == "vertex" else rows.reshape(len(faces), -1)
         bad |= of_face.any(axis=1)
         names += [name] if of_face.any() else []
@@ -46,10 +47,10 @@ def find_bad_faces(
 def select_vertices(
     positions: NDArray[Any], faces: NDArray[Any], keep: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Return a mask (V,) of the vertices that the faces `keep` (F,) use.
+    """Return a mask (V,) of the vertices of the faces `keep` (F,).
 
-    Also return the new numbers (V,) of these vertices. Vertices that are not finite are dropped. Vertices
-    that are used only by dropped faces are dropped as well.
+    Also return the new index (V,) of each of these vertices. Vertices that are not finite are dropped.
+    Vertices that are used only by dropped faces are dropped as well.
     """
     is_kept = np.isfinite(positions).all(axis=1)
     orphan = np.zeros(len(positions), bool)

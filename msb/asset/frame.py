@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from msb.asset.asset import Asset
 
 Vector = tuple[float, float, float]
-# An up direction counts as an axis if the sine of the angle between the direction and the axis is below this
-# value. Rounding an axis gives smaller angles.
+# An up direction counts as an axis if the sine of the angle to the axis is below this value. Rounding an axis
+# causes smaller angles.
 _ROUNDED = 1e-6
 
 

@@ -16,7 +16,7 @@ from msb.asset.drawable import required_buffer
 from msb.asset.sh import SH_C0
 from msb.asset.texture import Textured, linear_to_srgb, sample, srgb_to_linear, textures_of
 
-# Grey value in [0, 1] of a mesh without colours, for faces that point towards the light.
+# Grey value in [0, 1] of a mesh without colours. The value is for faces that point towards the light.
 GREY = 0.8
 # Fraction of the light that comes from all directions.
 AMBIENT = 0.35
@@ -114,9 +114,9 @@ def lit_grey(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[
 def daylight(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[np.float64]:
     """Return the brightness (F,) of faces: a + (1 - a) |n . l|.
 
-    In this formula, n is the normal of the face, l is the direction of the light, and a is the ambient
-    brightness. Both sides of a face have equal brightness, because the winding can be inconsistent. A face
-    without a normal has the brightness a. The `axis`, such as "+y", points up.
+    n is the normal of the face, l is the direction of the light, and a is the ambient brightness. Both sides
+    of a face have equal brightness, because the winding can be inconsistent. A face without a normal has the
+    brightness a. The `axis`, such as "+y", points up.
     """
     facing, light = np.zeros(len(faces)), light_toward(axis)
     for here, _, normals in normals_of(vertices, faces):
@@ -128,10 +128,11 @@ def daylight(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[
 def normals_of(
     vertices: NDArray[Any], faces: NDArray[Any]
 ) -> Iterator[tuple[slice, NDArray[np.float64], NDArray[np.float64]]]:
-    """Yield chunks of faces: their slice, first corners (n, 3), and normals (n, 3).
+    """Yield chunks of faces. A chunk has a slice of face indices, the first corners (n, 3), and the normals
+    (n, 3).
 
-    The length of a normal is twice the area of its face. Chunks fit into the CPU cache, which is faster than
-    writing all normals to new memory.
+    The length of a normal is twice the area of its face. Each chunk fits into the CPU cache, which makes the
+    loop faster.
     """
     for start in range(0, len(faces), _AT_ONCE):
         here = slice(start, start + _AT_ONCE)

@@ -10,7 +10,8 @@ from msb.errors import UsageError
 
 
 def invert_projection(mvp: NDArray[Any], near: float, far: float) -> NDArray[Any]:
-    """Return the inverse of the model-view-projection matrix (4, 4), computed in float64 and rounded.
+    """Return the inverse of the model-view-projection matrix (4, 4). The inverse is computed in float64 and
+    then rounded.
 
     The view direction of a pixel is the line between two points. The two points lie on the near plane and the
     far plane, at NDC depth -1 and 1. The inverse matrix must give w > 0 for the near point and the far point

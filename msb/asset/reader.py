@@ -16,7 +16,7 @@ from msb.asset.manifest import DTYPES, Manifest
 from msb.asset.strict_json import parse_strict_json
 from msb.errors import AssetError, Finding, InputError, MsbError, finding
 
-# Codes of errors for a file of another kind, such as a ZIP file of torch.
+# Error codes that mean that the file is of another kind, such as a ZIP file of torch.
 _NO_ASSET = ("FILE_NOT_RECOGNISED", "TRIASSET_MANIFEST_MISSING", "TRIASSET_FORM")
 
 
@@ -56,7 +56,7 @@ def load(path: str | os.PathLike[str]) -> Asset:
 
 
 def read_manifest(data: bytes, container: Container) -> tuple[list[Finding], Manifest | None]:
-    """Return all findings about a manifest and its files, and the manifest if there are no errors."""
+    """Check a manifest and its files. Return all findings, and the manifest if no finding is an error."""
     parsed = parse_strict_json(data, file=container.path)
     findings = check_manifest(parsed)
     if any(item.severity == "error" for item in findings):
@@ -67,7 +67,7 @@ def read_manifest(data: bytes, container: Container) -> tuple[list[Finding], Man
 
 
 def _check_files(manifest: Manifest, container: Container) -> list[Finding]:
-    """Return findings about buffer files that are missing or have a wrong size, and about other files."""
+    """Return findings about missing buffer files, wrong file sizes, and additional files."""
     declared: dict[str, int] = {}
     for spec in manifest.buffers.values():
         declared[spec.file] = max(declared.get(spec.file, 0), spec.offset + spec.byte_length)
@@ -94,7 +94,7 @@ def _check_files(manifest: Manifest, container: Container) -> list[Finding]:
 
 
 def map_buffers(manifest: Manifest, container: Container) -> Mapping[str, NDArray[Any]]:
-    """Return the buffers as read-only arrays on the mapped and checked files."""
+    """Return the buffers as read-only arrays in the mapped files."""
     arrays = {}
     for name, spec in manifest.buffers.items():
         view, start = container.map(spec.file)

@@ -5,8 +5,8 @@ the schema file uses. This module does not use `jsonschema`, because reading an 
 the standard library. A test compares the results of this module with the results of the library `jsonschema`.
 
 The schema has two additional keywords. `x-code` is the error code of a violation, by default TRIASSET_FIELD.
-`x-closed` marks objects whose unknown keys cause a warning. Unlike in JSON Schema, ``4.0`` is not an integer
-here.
+`x-closed` marks objects whose unknown keys cause a warning. Unlike in JSON Schema, the number ``4.0`` is not
+an integer.
 """
 
 import json
@@ -103,7 +103,7 @@ def _has_type(value: Any, wanted: str | list[str] | None) -> bool:
 def _scalar_problems(value: Any, schema: Schema) -> Iterator[str]:
     """Yield each rule that `value` violates.
 
-    The text continues a sentence after "must". The type of `value` must be valid.
+    Each rule is a text that continues a sentence after "must". The type of `value` must already be valid.
     """
     if "const" in schema and value != schema["const"]:
         yield f'be "{schema["const"]}"'
@@ -137,7 +137,10 @@ def _type_names(wanted: str | list[str]) -> str:
 
 
 def describe(value: Any) -> str:
-    """Return `value` as text for an error message: its JSON if this is short, otherwise its type."""
+    """Return `value` as short JSON text for an error message.
+
+    For an object or a long array, return only its type.
+    """
     if isinstance(value, dict):
         return "an object"
     if isinstance(value, list):

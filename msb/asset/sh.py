@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 Reals = NDArray[np.floating[Any]]
 
 SH_C0 = 0.28209479177387814
-"""Zeroth real spherical harmonic, 1 / (2 sqrt(pi)); the paper rounds it to 0.28209."""
+"""Spherical harmonic of degree 0, 1 / (2 sqrt(pi)). The paper rounds the value to 0.28209."""
 _C1 = 0.4886025119029199
 _C2 = (1.0925484305920792, -1.0925484305920792, 0.31539156525252005, -1.0925484305920792, 0.5462742152960396)
 _C3 = (

@@ -24,7 +24,7 @@ _SURROGATE = re.compile(r"[\ud800-\udfff]")
 class _RejectedError(Exception):
     """The problem in a document, and its position in bytes.
 
-    The message follows the name of the document in the error.
+    A message continues a sentence that begins with the name of the document.
     """
 
     def __init__(self, message: str, byte: int | None = None) -> None:
@@ -43,8 +43,7 @@ def parse_strict_json(
 ) -> Any:
     """Return the value of a JSON document, which is UTF-8 without a byte-order mark.
 
-    Errors are of the class `error` and have the code `code`. Errors name the file `file` and the document
-    `name`.
+    Errors have the class `error` and the code `code`. Error messages contain the names `file` and `name`.
     """
     try:
         text = _decode(data, max_bytes)

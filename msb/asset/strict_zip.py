@@ -3,9 +3,9 @@ torch.
 
 The file begins with the local headers and their data, without gaps. The central directory and the end record
 follow. The standard library tolerates duplicate names, data before or between members, and contradictory
-headers. Therefore this reader rejects a file in which different readers would find different content. A
-`Policy` describes the differences between assets and checkpoints. Record layouts: PKWARE APPNOTE 6.3.10,
-sections 4.3.7, 4.3.9, 4.3.12, 4.3.14 to 4.3.16, 4.4.4 and 4.5.3.
+headers. This reader rejects a file if different readers could find different content. A `Policy` contains the
+rules that differ between assets and checkpoints. Record layouts: PKWARE APPNOTE 6.3.10, sections 4.3.7,
+4.3.9, 4.3.12, 4.3.14 to 4.3.16, 4.4.4 and 4.5.3.
 """
 
 import struct
@@ -23,7 +23,7 @@ LOCATOR = struct.Struct("<4sIQI")
 # Layouts of the ZIP record after the data of a member, without and with ZIP64.
 _DESCRIPTORS = (struct.Struct("<4sI2I"), struct.Struct("<4sI2Q"))
 
-# Placeholders for values that are in the ZIP64 record.
+# These placeholders mean that the value is in the ZIP64 record.
 FULL16, FULL32 = 0xFFFF, 0xFFFFFFFF
 # Flags of encrypted data, strong encryption and a masked header.
 ENCRYPTED = 0x0001 | 0x0040 | 0x2000
@@ -32,13 +32,14 @@ DESCRIPTOR = 0x0008
 # Flag: the member name is UTF-8.
 UTF8 = 0x0800
 EXTRA_ZIP64 = 0x0001
-# Extra record of Info-ZIP with a Unicode path, which some readers use as the name of the member.
+# Extra record of Info-ZIP with a Unicode path. Some readers use this path as the name of the member.
 _EXTRA_NAME = 0x7075
 
 
 @dataclass(frozen=True)
 class Member:
-    """A stored member: its local header at byte `header`, its data at `offset`, and its `end`.
+    """A stored member: the position `header` of its local header, the position `offset` of its data, and its
+    `end`.
 
     The next member starts at byte `end`.
     """
@@ -55,14 +56,14 @@ class Policy:
     """The rules of one kind of archive. This base class accepts every archive."""
 
     max_members: int
-    # Whether the archive may have the form that torch writes. In such an archive, sizes and checksums may
-    # follow the data. Local headers may repeat the ZIP64 record of the central directory.
+    # Whether the archive may have the form that torch writes. In the form of torch, sizes and checksums may
+    # follow the data. Local headers in this form may repeat the ZIP64 record of the central directory.
     descriptors = False
 
     def refuse(self, code: str, message: str, at: int) -> NoReturn:  # pragma: no cover
         """Raise an error about byte `at`.
 
-        The argument `code` is the error code without the prefix for the kind of archive, for example FORM.
+        The argument `code` is the error code without the prefix of the archive, for example FORM.
         """
         raise NotImplementedError
 
@@ -147,7 +148,7 @@ class _Parser:
         )
         if comment:
             self.refuse("HOSTILE", f"the end record declares {comment} more bytes", at)
-        # A ZIP64 end record precedes the end record and contains the large values.
+        # A ZIP64 end record may precede the end record. The ZIP64 record contains the large values.
         end = at
         locator = at - LOCATOR.size
         if locator >= 0 and self.part(locator, locator + 4) == b"PK\x06\x07":
@@ -157,7 +158,8 @@ class _Parser:
         if disk or first_disk or here != count:
             self.refuse("DAMAGED", "the archive is split over several files", at)
         if start + length != end:
-            # Data before the archive shifts the directory, for example in a self-extracting program.
+            # If a program precedes the archive, for example in a self-extracting file, the directory is
+            # shifted.
             code = "HOSTILE" if start + length < end else "DAMAGED"
             text = f"the central directory should end at byte {end}, but ends at {start + length}"
             self.refuse(code, text, at)
@@ -212,7 +214,7 @@ class _Parser:
         return Member(name, crc, size, header, start, data_end), after
 
     def local_entry(self, name: str, raw: bytes, flags: int, central: tuple[int, int, int]) -> int:
-        """Check the local header against the central header. Return the start of the data."""
+        """Check the local header against the central header. Return the position of the member's data."""
         crc, size, header = central
         label = shorten(name)
         fields = self.record(LOCAL, header, b"PK\x03\x04", "local header")
@@ -250,9 +252,9 @@ class _Parser:
     ) -> tuple[int, int]:
         """Return the size and the packed size from a local header written by torch.
 
-        For members beyond 4 GiB, both sizes in the header are 0. In this case, the ZIP64 record of the local
-        header repeats the record of the central directory. This record contains the size, a packed size of 0,
-        and an offset. All these values must be correct.
+        For members beyond 4 GiB, torch writes 0 for both sizes. The ZIP64 record of the local header then
+        repeats the ZIP64 record of the central directory. This record contains the size, a packed size of 0,
+        and an offset. All these values are checked.
         """
         _, size, header = central
         wide = self.zip64(at, length, label)
@@ -275,7 +277,7 @@ class _Parser:
     def sizes64(self, at: int, length: int, short: tuple[int, int, int], label: str) -> tuple[int, int, int]:
         """Return the size, the packed size and the header offset. Large values come from the ZIP64 record.
 
-        Additional values in the ZIP64 record are rejected, because readers treat such values differently.
+        Reject additional values in the ZIP64 record, because readers interpret such values differently.
         """
         wanted = short.count(FULL32)
         wide = self.zip64(at, length, label)

@@ -19,16 +19,16 @@ Filter = Literal["linear", "nearest"]
 Wrap = Literal["repeat", "clamp", "mirror"]
 # `appearance.kind` of an asset with textures.
 KIND = "texture"
-# The pass of the standard tier that draws textures.
+# The pass (drawing step) of the standard tier for textures.
 PASS = "opaque_unlit_texture"
-# Tolerance of the alpha cutoff. A sample is drawn if its alpha is at most this value below the cutoff.
-# Interpolation can reduce the alpha by rounding errors.
+# A sample is drawn if its alpha is at least the cutoff minus this tolerance. Rounding errors of the
+# interpolation can reduce the alpha.
 ROUNDING = 1e-6
 NAME = re.compile(r"texture\.(0|[1-9][0-9]?)")
 # Maximum number of texels along a side of a texture.
 MAX_SIDE = 16_384
-# Maximum number of textures of an asset. Five of its 64 buffers are positions, indices, colours, UVs and
-# `face_texture`.
+# Maximum number of textures of an asset. An asset has up to 64 buffers. Five buffers are positions, indices,
+# colours, UVs and `face_texture`.
 MAX_TEXTURES = 59
 # Number of texels of a mip level that are computed at a time.
 _ROWS = 1 << 22
@@ -45,9 +45,9 @@ class Sampler:
     mipmaps : bool
         Whether distant surfaces use smaller copies of the texture.
     wrap_u, wrap_v : {"repeat", "clamp", "mirror"}
-        Continuation of the texture outside 0 to 1.
+        How the texture continues outside the range 0 to 1.
     alpha_cutoff : float, optional
-        Nothing is drawn where alpha is below this value. The value None ignores alpha.
+        Samples with a smaller alpha are not drawn. If the value is None, alpha is ignored.
     """
 
     filter: Filter = "linear"
@@ -58,7 +58,7 @@ class Sampler:
 
     @property
     def appearance(self) -> dict[str, Any]:
-        """The `appearance` in the manifest of an asset with this sampler."""
+        """The `appearance` in the manifest of an asset that uses this sampler."""
         return {"kind": KIND, **asdict(self)}
 
     @classmethod
@@ -82,11 +82,11 @@ class Textured:
     Attributes
     ----------
     images : tuple of (H, W, 3 | 4) uint8
-        Images in sRGB; the fourth channel is alpha. Row 0 is v = 0.
+        Images in sRGB. The fourth channel is alpha. Row 0 of an image is at v = 0.
     uvs : (F, 3, 2) float32
         Texture coordinates of each corner. The point (0, 0) is the outer corner of the first texel of row 0.
     face_texture : (F,) uint32, optional
-        Index of the image of each face; None for a single image.
+        Index of the image of each face. The value is None for a single image.
     sampler : Sampler
     """
 
@@ -107,8 +107,8 @@ def textures_of(asset: Asset) -> Textured | None:
     Raises
     ------
     AssetError
-        TRIASSET_VALUE_NONFINITE: a texture coordinate is not finite. TRIASSET_INDEX_OUT_OF_RANGE: a face uses
-        a texture that does not exist.
+        `TRIASSET_VALUE_NONFINITE`: a texture coordinate is not finite. `TRIASSET_INDEX_OUT_OF_RANGE`: a face
+        uses a texture that does not exist.
     """
     if not is_textured(asset):
         return None
@@ -184,8 +184,8 @@ def mip_levels(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
     """Return `image` and its mip levels.
 
     Each level has half the size of the previous level, down to one texel. A texel is the average, in linear
-    light, of 2 x 2 texels of the previous level. Along odd sides a texel is the average of 3 texels instead
-    of 2. The average is rounded to bytes, like the texels that a GPU stores.
+    light, of 2 x 2 texels of the previous level. If a side has an odd length, a texel is the average of 3
+    texels along this side. The average is rounded to bytes, like the texels that a GPU stores.
     """
     levels = [image]
     for size in level_sizes(*image.shape[:2])[1:]:
@@ -216,7 +216,8 @@ def _halve(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]
     step = max(1, _ROWS // width)
     for start in range(0, len(level), step):
         rows = np.arange(start, min(start + step, len(level)))
-        # Average along the columns, (rows, width, 4), then along the rows, (rows, width of the level, 4).
+        # Average along the columns, which gives (rows, width, 4). Then average along the rows, which gives
+        # (rows, width of the level, 4).
         down = np.zeros((len(rows), width, 4), np.float32)
         for at, weight in _find_covered(height, len(level), rows):
             down += weight[:, None, None] * decode_texels(image[at])
@@ -230,7 +231,7 @@ def _halve(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]
 def _find_covered(
     size: int, half: int, rows: NDArray[np.intp]
 ) -> list[tuple[NDArray[np.intp], NDArray[np.float32]]]:
-    """Return the texels along an axis whose average gives the texels `rows` (n,) of the next mip level.
+    """Return the old texels whose average gives the texels `rows` (n,) of the next mip level, along one axis.
 
     The axis has `size` texels in the current level, and `half` texels in the next level. The result has 1, 2
     or 3 pairs of texel indices (n,) and weights (n,).
@@ -240,8 +241,8 @@ def _find_covered(
     if size == 2 * half:
         shares: list[NDArray[Any]] = [np.full(len(rows), 0.5)] * 2
     else:
-        # If the size is odd (2 half + 1), a new texel covers one old texel completely and two neighbours
-        # partly.
+        # If the size is odd (2 half + 1), a new texel covers one old texel completely, and parts of two
+        # neighbours.
         shares = [(half - rows) / size, np.full(len(rows), half / size), (rows + 1) / size]
     return [(2 * rows + offset, share.astype(np.float32)) for offset, share in enumerate(shares)]
 
@@ -251,8 +252,8 @@ def sample(
 ) -> NDArray[np.float32]:
     """Return linear light and alpha (N, 4) of a texture with mip `levels` at `uvs` (N, 2).
 
-    The argument `lod` (N,) is log2 of the number of texels of level 0 per pixel. A missing, zero or negative
-    `lod` selects level 0. If `lod` lies between two levels, both levels are blended.
+    `lod` (N,) is log2 of the number of texels per pixel in level 0. A missing, zero or negative `lod` selects
+    level 0. If `lod` lies between two levels, both levels are blended.
     """
     if lod is None or not sampler.mipmaps or len(levels) == 1:
         return _sample_level(levels[0], uvs, sampler)

@@ -22,8 +22,8 @@ def passes_of(method: str, primitive: Primitive) -> dict[Tier, tuple[str, ...]]:
 def why_not(manifest: Manifest, tier: Tier) -> str | None:
     """Return the reason why `tier` cannot draw an asset, or None if the tier can draw it.
 
-    If the method is not installed, only the standard tier is supported. If the manifest lists no passes for
-    the standard tier, the asset has no static colours. The standard tier then cannot draw the asset.
+    If the method is not installed, only the standard tier is supported. If the manifest lists no
+    standard-tier passes, the asset has no static colours, and the standard tier cannot draw it.
     """
     name, passes = manifest.method, manifest.required_passes
     if tier == "standard" and manifest.primitive == "gaussian":

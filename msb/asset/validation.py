@@ -112,7 +112,8 @@ def check_values(asset: Asset) -> list[Finding]:
 
 
 def _check_finite(name: str, array: NDArray[np.float32]) -> Iterator[Finding]:
-    # Infinite logits are opacities of exactly 0 or 1, which the official code writes (mesh_splatting: 1.2).
+    # An infinite logit is an opacity of exactly 0 or 1. The official code writes such logits (mesh_splatting:
+    # 1.2).
     bad = np.isnan if name == "opacity" else lambda values: ~np.isfinite(values)
     # Flatten the array, because a single row can be as large as the file.
     count, first = _count(array.reshape(-1), bad)
@@ -203,10 +204,10 @@ def _check_color(color: NDArray[np.float32]) -> Iterator[Finding]:
 
 
 def _count(array: NDArray[Any], test: Any) -> tuple[int, int]:
-    """Return the number of elements for which `test` is true.
+    """Count the elements for which `test` is true.
 
-    Also return the index of the first such element, or -1. The argument `test` takes a chunk of `array` and
-    returns a mask. If the mask has one value per row, the function counts rows.
+    Also return the index of the first of these elements, or -1. The argument `test` takes a chunk of `array`
+    and returns a mask. If the mask has one value per row, count rows instead.
     """
     total, first = 0, -1
     for start in range(0, len(array), CHUNK_ROWS):

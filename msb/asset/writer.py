@@ -91,7 +91,7 @@ def write_packed(asset: Asset, file: IO[bytes]) -> None:
 
 
 def _check_readable(asset: Asset, path: object) -> None:
-    """Raise an error if `load` would reject the manifest, or if the buffers do not match it."""
+    """Raise an error if `load` would reject the manifest, or if the buffers do not fit the manifest."""
     raise_first_error(check_manifest(asset.manifest.to_dict()), path)
     size = len(asset.manifest.to_bytes())
     if size > MAX_BYTES:
@@ -133,7 +133,8 @@ def _write_packed(asset: Asset, file: IO[bytes], meter: Meter) -> None:
 
 
 def stored_member(archive: zipfile.ZipFile, file: IO[bytes], name: str, size: int) -> IO[bytes]:
-    """Open a member of a ZIP for writing: stored, without a date, with data aligned to 64 bytes."""
+    """Open a member of a ZIP for writing. The member is stored without compression and without a date, and
+    its data is aligned to 64 bytes."""
     info = zipfile.ZipInfo(name, _EPOCH)
     info.create_system = 3
     info.external_attr = 0o100644 << 16

@@ -3,8 +3,8 @@
 The modules are the stages of a bake. `views` chooses cameras, and `image_source` draws their images.
 `candidate_kept`, `candidate_fitted` and `candidate_surface` make meshes. `vertex_colors` and `texture` fit
 colours, and `pipeline` chooses a candidate. `lods` and `collision` make the levels of detail and the
-collision shape. The module `quality` measures the result on held-out views, and `output_files` and `folder`
-write it. The function `run.bake` performs a whole bake.
+collision shape. The module `quality` measures the result on held-out views. The modules `output_files` and
+`folder` write the files. The function `run.bake` performs a whole bake.
 """
 
 from __future__ import annotations

@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 # Texture cells of a triangle soup.
 #
 # Number of smaller mip levels in which no texel mixes the colours of two faces. A second level doubles the
-# margins around the faces. If the first number would shrink the faces below `_MIN_SCALE` of their requested
-# side lengths, the second number is used.
+# margins around the faces. With two smaller mip levels, the faces may not fit. If two levels would shrink the
+# sides of the faces below `_MIN_SCALE` of the requested lengths, only one level is used.
 MIP_LEVELS = (2, 1)
 _MIN_SCALE = 0.7
 # Both legs of a face are shortened by this number of texels. Rounding to float32 then cannot move a corner
-# out of its cell.
+# into another texture cell.
 _SLACK = 1 / 64
 # Number of bisection steps for the largest scale that fits. With 16 steps, the scale is exact to 2^-15.
 _BISECTIONS = 16
@@ -46,21 +46,21 @@ _UNWRAP_LIMITS = Limits(seconds=900.0, memory=None)
 _PADDING = 4
 # Texture coordinates are multiples of 1 / 65535, which files store in two bytes without loss.
 _COORDINATE_STEPS = 65535
-# Smallest scale of a chart relative to the median chart. The largest scale is its inverse. Without limits on
-# the scale, charts that a camera views from very near would fill the whole texture.
+# Smallest scale of a chart relative to the median chart. The largest scale of a chart is the inverse of this
+# value. Without limits on the scale, charts that a camera views from very near would fill the whole texture.
 _MIN_CHART_SCALE = 1 / 4
 
 
 class _Cells(NamedTuple):
     """Rectangular cells of a texture and the faces in them.
 
-    All lengths of texture cells are in blocks. The first `MIP_LEVELS` smaller mip levels keep the faces
-    separate. A block is one texel of the smallest mip level that keeps faces separate.
+    All lengths are measured in blocks. A block is one texel of the smallest mip level that keeps faces
+    separate.
     """
 
-    # (C, 2) width and height of each cell.
+    # (C, 2) the width and height of each cell.
     sides: Ints
-    # (F, 2) the lengths of the legs of each face. A face that is only a point has the length 0.
+    # (F, 2) the lengths of the legs of each face. The length is 0 if the face is only a point.
     legs: Ints
     # (F,) the index of the cell that holds each face.
     cell: Ints
@@ -73,8 +73,8 @@ def make_soup_atlas(corners: NDArray[Any], pixels: Floats, size: int) -> Singles
 
     In the texture, each face is a right triangle. The ratio of the triangle's two legs is the ratio of the
     two shorter sides of the face. The triangle's area in texels is the number of pixels that show the face.
-    If the texture is too small, all areas are reduced by the same factor. A face becomes a point of one
-    colour if no pixel shows the face or if its longer leg is below half a block.
+    If the texture is too small, all areas are reduced by the same factor. A face that no pixel shows becomes
+    a point with one colour. A face whose longer leg is below half a block also becomes a point.
 
     Parameters
     ----------
@@ -113,8 +113,8 @@ def make_soup_atlas(corners: NDArray[Any], pixels: Floats, size: int) -> Singles
 
 
 def _pack(legs: Floats, blocks: int, block: int) -> tuple[float, _Cells, Ints | None]:
-    """Return the largest possible scale of the faces in the texture, their cells, and the places (C, 2) of
-    the cells.
+    """Find the largest possible scale of the faces. Return the scale, the cells, and the places (C, 2) of the
+    cells.
 
     The scale is at most 1. The places are None if no scale fits.
     """
@@ -132,11 +132,10 @@ def _pack(legs: Floats, blocks: int, block: int) -> tuple[float, _Cells, Ints | 
 
 
 def _make_cells(legs: Floats, block: int) -> _Cells:
-    """Return cells for faces with legs (F, 2) in blocks, rounded up to whole blocks.
+    """Return the cells for faces with the legs (F, 2) in blocks. Each cell is rounded up to whole blocks.
 
     Sampling a mip level interpolates between texel centres. A single face in a texture therefore needs a
-    margin of half a block on all sides. Two faces in one cell need two more blocks between them in each
-    direction.
+    margin of half a block on all sides.
     """
     whole = np.rint(legs).astype(np.int64)
     whole = np.where(whole[:, :1] > 0, np.maximum(whole, 1), 0)
@@ -145,8 +144,8 @@ def _make_cells(legs: Floats, block: int) -> _Cells:
     is_paired = (whole + 3).prod(axis=1) < 2 * (whole + 1).prod(axis=1)
     sides = []
     cell, number, count = np.zeros(len(legs), np.int64), np.zeros(len(legs), np.int64), 0
-    # Describe single faces and pairs: the mask of the faces, the faces per cell, and the margin of a cell in
-    # blocks.
+    # For pairs of faces, single faces and points: the mask of the faces, the number of faces per cell, and
+    # the margin in blocks.
     for chosen, per_cell, margin in (
         (is_paired, 2, 3),
         (~is_paired & ~is_point, 1, 1),
@@ -200,7 +199,7 @@ def _place_corners(cells: _Cells, places: Ints, block: int) -> Floats:
 
 
 def make_chart_atlas(vertices: NDArray[Any], faces: Ints, pixels: Floats, size: int) -> Singles:
-    """Return texture coordinates (3F, 2) of the charts that xatlas cuts a mesh into, in a square texture.
+    """Cut a mesh into charts with xatlas. Return texture coordinates (3F, 2) in a square texture.
 
     Parameters
     ----------
@@ -289,7 +288,8 @@ def _merge_charts(arrays: Arrays, plane: Floats, faces: Ints, chart: Ints) -> tu
 
 
 def _cut_charts(vertices: Singles, faces: NDArray[np.uint32]) -> tuple[Floats, Ints, Ints]:
-    """Return flat charts: vertex coordinates (n, 2), faces (F, 3), and the chart (n,) of each vertex."""
+    """Return flat charts. A chart has vertex coordinates (n, 2) and faces (F, 3), and each vertex (n,) has
+    the index of its chart."""
     import xatlas
 
     cut = xatlas.Atlas()
@@ -310,8 +310,8 @@ def _cut_charts(vertices: Singles, faces: NDArray[np.uint32]) -> tuple[Floats, I
         places.append(uv.astype(np.float64) * (cut.width, cut.height))
         charts.append(np.asarray(cut.get_mesh_vertex_assignment(number)[1]).astype(np.int64))
     chart = np.concatenate(charts)
-    # xatlas assigns faces without an area to no chart. These charts get a huge chart number. Faces without an
-    # area are invisible, so any chart is suitable.
+    # xatlas puts faces without an area in no chart, and gives the faces a huge chart number. Any chart is
+    # suitable, because faces without an area are invisible.
     chart[chart >= cut.chart_count] = 0
     return np.concatenate(places), joined, chart
 

@@ -30,8 +30,8 @@ class BlendingWeights:
     weight : (F,) float64
         The blending weight of each face, in pixels (see `msb.render.shares`).
     color : (F, 3) float64
-        The average colour of the images where they show the face, weighted by its blending weight; 0.5 if the
-        weight is 0.
+        The average image colour of the pixels that show the face, weighted by its blending weight. If the
+        weight is 0, the colour is 0.5.
     pixels : int
         The number of pixels of all images.
     """
@@ -52,7 +52,7 @@ def measure_blending_weights(
     """
     tier: Tier = "standard" if why_not(asset.manifest, "dedicated") else "dedicated"
     views = ((camera, images.image(number)) for number, camera in enumerate(images.cameras))
-    # Sums (F, 4) per face: blending weight times RGB, and blending weight.
+    # Sums (F, 4) over the pixels of each face: the blending weight times RGB, and the blending weight.
     sums = np.zeros((asset.manifest.face_count, 4))
     for shares in shares_by_view(asset, views, tier=tier, device=device):
         if shares is None:

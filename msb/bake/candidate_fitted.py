@@ -22,7 +22,7 @@ from msb.meshes.mesh import Mesh
 # Number of face-selection rounds that hide faces before any face moves. A selection round tries 8 % of the
 # faces, so 12 rounds try each face about once.
 _HIDING_ROUNDS = 12
-# Number of descent steps without a time limit: about 20 s for a demo model on two cores.
+# Number of descent steps without a time limit. For a demo model, these steps take about 20 s on two cores.
 _STEPS = 400
 # Length of a descent step at the start and at the end, relative to the size of a face. 400 steps can move a
 # corner by about three face sizes.
@@ -54,7 +54,8 @@ def make_fitted(
     faces: int | None = None,
     pixels: int | None = None,
 ) -> tuple[Mesh, list[str]]:
-    """Return an opaque soup made of the triangles of `asset`, with corner colours, and notes for the user.
+    """Return an opaque soup with corner colours, made of the triangles of `asset`. Also return notes for the
+    user.
 
     Triangles are pruned by their blending weights. The remaining triangles are moved, hidden and shown until
     they match the training images. The validation images decide which state is best. Without a limit of
@@ -83,8 +84,8 @@ def make_fitted(
         best = BestState(validation)
         prune_faces(soup, asset, renderer, best, weights)
         soup = best.soup
-        # Compute the average number of pixels (F,) of each selected face, and the share of the view that all
-        # faces cover.
+        # Compute the average number of pixels (F,) that show each selected face. Also compute the share of
+        # the view that all faces cover.
         face_pixels = count_pixels(soup.refit_colors(renderer))[soup.selected] / len(renderer.images)
         covered = face_pixels.sum() / renderer.pixels_per_face(1)
     moving = context.limited_to(PIXELS_TO_MOVE)

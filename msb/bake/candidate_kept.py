@@ -11,18 +11,18 @@ from msb.meshes.mesh import Mesh
 from msb.repair.assets import repair_mesh
 from msb.repair.plan import Options
 
-# The face selection has a largest number of rounds, and a number of rounds between two validations. The last
-# number ends the selection after this many successive validations without a gain. A selection round tries 8 %
-# of the faces, so 60 rounds try each face about five times.
+# Limits of the face selection: the number of rounds, the rounds between two validations, and the validations
+# without a gain before the end. A selection round tries 8 % of the faces, so 60 rounds try each face about
+# five times.
 _ROUNDS, _VALIDATION_STEP, _PATIENCE = 60, 5, 6
 # Number of pixels of the largest image that is used to select faces. Selection takes longer with larger
 # images. Colours are always fitted to the full images.
 _SELECTION_PIXELS = 1 << 17
 # If faces cover fewer pixels than this in an average view, the selection uses images with four times the
-# pixels. With the larger images, the fit of a garden scene with small faces reaches 21.8 dB.
+# pixels.
 FINE_PIXELS = 4.0
-# If faces cover fewer pixels than this in an average view, no face is selected or moved. Sampling noise would
-# determine the result.
+# If faces cover fewer pixels than this in an average view, no face is selected or moved. With so few samples
+# per face, noise would determine the result.
 MIN_FACE_PIXELS = 2.0
 
 
@@ -31,8 +31,8 @@ def make_kept(asset: Asset, context: SearchContext, weights: BlendingWeights | N
 
     The validation images decide which triangles are pruned. If the images are standard-tier images of the
     same triangles, no triangle is pruned. Shared vertices stay shared and have one colour. A mesh that is not
-    manifold or not consistently wound is repaired. Unseen triangles of a connected mesh keep their colours.
-    Unseen triangles of a soup are dropped.
+    manifold or not consistently wound is repaired. In a connected mesh, unseen triangles keep their colours.
+    From a triangle soup, unseen triangles are dropped.
 
     Raises
     ------
@@ -55,14 +55,13 @@ def make_kept(asset: Asset, context: SearchContext, weights: BlendingWeights | N
 
 
 def rejoin_cuts(mesh: Mesh) -> Mesh:
-    """Return a kept mesh without the cut edges that only vertex colours need."""
+    """Remove the cut edges that only vertex colours need. Return the mesh."""
     if is_uncut_soup(mesh.vertices, mesh.faces):
         return mesh
     whole = merge_seams(mesh)
     if whole is mesh:
         return mesh
-    # The first repair treated the two sides of a cut edge as unconnected. The merged mesh is repaired again,
-    # which also restores the cut edges of the first repair.
+    # The merged mesh is repaired again, which also restores the cut edges of the first repair.
     repaired = repair_mesh(whole, Options())[0]
     return repaired if len(repaired.vertices) < len(mesh.vertices) else mesh
 

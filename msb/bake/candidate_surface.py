@@ -52,8 +52,8 @@ CELLS = 144
 _MIN_CELLS = 18
 # A grid of 288 cells per side is tried if the error with 144 cells is below 75 % of the error with 72 cells.
 # Without this condition, a finer grid would follow the noise of the soup. Moving vertices does not remove
-# this noise. With an uneven soup, a grid of 288 cells lost up to 8 dB. Grids below this error ratio gain up
-# to 1.4 dB.
+# this noise. With an uneven soup, a grid of 288 cells lost up to 8 dB. Below this ratio, the finer grid gains
+# up to 1.4 dB of PSNR.
 _MAX_ERROR_RATIO = 0.75
 # If the time limit for moving vertices is below this value, only one grid is tried. For a scene, further
 # grids would take many times as long.
@@ -61,21 +61,22 @@ _MIN_SECONDS_TO_COMPARE = 2.0
 # A note is printed if the face count differs from the budget by more than this factor.
 _BUDGET_TOLERANCE = 1.25
 # Up to this face budget, a reduction in two steps is also tried, because two steps preserve thin parts. With
-# a larger budget the reduction in two steps is rarely better.
+# a larger budget, the reduction in two steps is rarely better.
 _TWO_STEP_FACES = 4_000
-# The error of a search state is multiplied by this power of its bending, divided by the bending at the start.
-# Therefore a surface with 10 % more bending must have a PSNR gain of 0.2 dB.
+# In the search, the error is multiplied by a penalty: the relative bending of the surface, raised to this
+# power. The relative bending is 1 at the start. With this power, a surface with 10 % more bending is only
+# better if its PSNR is 0.2 dB higher.
 _BENDING_POWER = 0.5
-# These values apply to a surface from a model's own depths. The values are the rounds of smoothing before the
-# face reduction, and the steps that move the vertices. Fairing and more steps cost detail, such as the
-# features of a face, and up to 0.4 dB.
+# These values apply to surfaces that are made from a model's own depths. The first value is the number of
+# smoothing rounds before the face reduction. The second value is the number of steps that move the vertices.
+# More fairing or more steps would remove details, such as the features of a face, and cost up to 0.4 dB.
 _SMOOTH_TURNS, _OWN_DEPTH_STEPS = 10, 1
 # A part is removed as a speck if it covers less than this share of the pixels of all views.
 MIN_PART_SHARE = 1e-4
 
 
 class ClosedSurface(NamedTuple):
-    """A closed surface: points (V, 3) in the coordinates of a space, and faces (F, 3)."""
+    """A closed surface: faces (F, 3) and points (V, 3) in the coordinates of `space`."""
 
     points: Floats
     faces: Ints
@@ -105,12 +106,12 @@ def make_surface(
     """Return a closed, manifold, consistently wound mesh that looks like `model`, and notes for the user.
 
     The model is an opaque soup, or Gaussians. The depths of the model in the training views define a solid.
-    The boundary of the solid is reduced to about `faces` faces. The default number of faces follows from the
-    number of `pixels` of a view. The vertices are then moved for at most `seconds`, and the state with the
-    smallest validation error is kept. The resulting mesh has vertex colours.
+    The boundary of the solid is reduced to about `faces` faces. The default number of faces depends on
+    `pixels`, the number of pixels of a view. The vertices are then moved for at most `seconds`, and the state
+    with the smallest validation error is kept. The resulting mesh has vertex colours.
 
-    An object is enclosed from outside. A scene is enclosed from inside: its faces look inwards, and a distant
-    shell shows the sky.
+    An object is enclosed from outside. A scene is enclosed from inside. The faces of a scene look inwards,
+    and a distant shell shows the sky.
 
     Raises
     ------
@@ -159,8 +160,8 @@ def enclose(
 ) -> ClosedSurface:
     """Return the closed surface around the visible parts of a soup, or of Gaussians.
 
-    The argument `cells` is the number of cells along the longest side, for an object and for a scene. The
-    argument `margin` is the distance in cells between an object and the planes that close its unseen sides.
+    The argument `cells` has two values, for objects and for scenes. Each value is the number of cells along
+    the longest side. The unseen sides of an object are closed by planes at the distance `margin` in cells.
 
     Raises
     ------
@@ -296,9 +297,11 @@ def _fit_surface(
 
 
 def _make_shape_weight(points: Floats, faces: Ints, space: Space) -> Callable[[Soup], float]:
-    """Return a function that computes a factor for the error of a state. More bending increases the factor.
+    """Return a function that computes a factor for the error. The factor grows with the bending of the
+    surface.
 
-    Without a factor for bending, a fraction of a dB would bring back dents (see `_BENDING_POWER`).
+    Without this factor, the search would accept dents for a gain of a fraction of a dB (see
+    `_BENDING_POWER`).
     """
     everything = np.ones(len(faces), bool)
     start = measure_bending(space.to_world(points), faces, everything).bending
@@ -315,10 +318,10 @@ def _make_shape_weight(points: Floats, faces: Ints, space: Space) -> Callable[[S
 def _reduce(surface: ClosedSurface, budget: int, context: SearchContext) -> ReducedSurface:
     """Make two or three surfaces with about `budget` faces and without crossing faces.
 
-    Return the best surface. In the first surface, unseen parts are made coarse before the reduction. The
-    second surface is best unless coarse parts cut through visible parts of the surface. In the second
-    surface, unseen parts are not made coarse. With a small budget, a third surface is made. The third surface
-    is reduced to twice as many faces, its thin parts are repaired, and it is reduced again.
+    Return the surface with the smallest validation error. In the first surface, vertices of unseen parts are
+    merged before the reduction. In the second surface, these vertices are not merged, because merged parts
+    may cut through visible parts. With a small budget, a third surface is made. The third surface is reduced
+    to twice as many faces. Then its thin parts are repaired, and the surface is reduced again.
     """
     budget, original_faces = max(budget, MIN_CLOSED_FACES), len(surface.faces)
     cameras, space = context.training.cameras, surface.space
@@ -346,9 +349,9 @@ def _reduce_uncrossed(surface: ClosedSurface, count: int, context: SearchContext
 
 
 def _measure_validation_error(surface: ClosedSurface, context: SearchContext) -> float:
-    """Return the validation error of a surface with the best vertex colours.
+    """Fit vertex colours to a surface, and return its validation error.
 
-    Without faces, the error is infinity.
+    If the surface has no faces, the error is infinity.
     """
     if not len(surface.faces):
         return math.inf

@@ -19,14 +19,15 @@ from msb.topology.faces import face_vectors
 
 # Charts with fewer faces than this are merged into larger charts.
 MIN_CHART_FACES = 50
-# An unfolded corner may lie near the place of the same vertex in the chart. The corner moves to this place if
-# the distance is below this share of the shared edge. An unfolded corner at a larger distance becomes a seam.
+# A chart may already contain the vertex of an unfolded corner, at a slightly different place. The corner
+# moves to this place if the distance, relative to the length of the shared edge, is below this limit. If the
+# distance is larger, the edge of the face becomes a texture seam.
 _SNAP = 0.3
-# An unfolded face is tried with these heights above the shared edge, relative to its true height. The last
-# heights in the list are for faces in a gap of a chart, where the surface has a spike.
+# Heights to try for an unfolded face above the shared edge, relative to the true height of the face. A spike
+# of the surface makes a narrow gap in the chart. The smallest heights let a face fit into such a gap.
 _HEIGHTS = (1.0, 0.8, 0.6, 0.3, 0.1)
-# For overlap tests, each face is shrunk to this size about its centre. Faces with a shared edge then do not
-# overlap.
+# For overlap tests, each face is scaled about its centre by this factor. Two faces with a shared edge then do
+# not overlap.
 _SHRINK = 0.97
 # Limits of the area of a face in the plane, divided by its area on the surface. The ratio is relative to the
 # average of all charts.
@@ -34,7 +35,7 @@ _STRETCH = 0.05, 2.0
 
 
 def merge_small_charts(points: Floats, faces: Ints, plane: Floats, chart: Ints) -> tuple[Floats, Ints]:
-    """Return the places (F, 3, 2) of the corners in their charts and the chart (F,) of each face.
+    """Return the place (F, 3, 2) of each corner in its chart, and the chart (F,) of each face.
 
     Parameters
     ----------
@@ -77,7 +78,8 @@ class _Merging:
             is_free = self.chart != np.bincount(self.chart).argmax()
         free = set(np.flatnonzero(is_free).tolist())
         self._grow(np.flatnonzero(~is_free).tolist(), free)
-        # Merge the remaining faces with each other: the largest remaining chart takes in its neighbours.
+        # Then merge the remaining faces with each other, beginning with the neighbours of the largest
+        # remaining chart.
         while free:
             rest = sorted(free)
             largest = np.bincount(self.chart[rest]).argmax()
@@ -171,8 +173,8 @@ class _Merging:
         square = float(side @ side)
         if square == 0:
             return False
-        # Compute the coordinates of c relative to the edge. The x axis lies along the edge, and the y axis
-        # points away from `host`.
+        # Compute the coordinates of corner c relative to the shared edge. The x axis lies along the edge, and
+        # the y axis points away from `host`.
         x = float(away @ side) / square
         y = float(np.sqrt(max(away @ away / square - x * x, 0)))
         across = np.array([-along[1], along[0]])
@@ -195,7 +197,8 @@ class _Merging:
         return False
 
     def _snap(self, vertex: int, place: Floats, length: float, chart: int, face: int) -> Floats | None:
-        """Return the nearest place of a vertex in the chart around a face, if it is near `place`."""
+        """A vertex may have several places in the chart around a face. Return the place that is nearest to
+        `place`, if it is near enough."""
         best, least = None, _SNAP * length
         for edge in self._list_edges(face):
             if vertex not in edge:

@@ -1,4 +1,4 @@
-"""Closed meshes: extraction from votes, face reduction, repair, and removal of crossing faces."""
+"""Closed meshes: extraction from grid votes, face reduction, repair, and removal of crossing faces."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 # Extraction.
 #
-# Smallest absolute vote of a cell. A vote of 1 means a distance of 3 cells. If a cell had the vote 0, all
-# surface points around the cell would coincide, and their faces would have no area.
+# Smallest absolute value of a cell's vote. A vote of 1 means a distance of 3 cells. If a cell had the vote 0,
+# the surface points on all edges of the cell would coincide, and their faces would have no area.
 _MIN_VOTE = 0.002
 
 # Parameters of the face reduction.
@@ -35,20 +35,19 @@ _MIN_VOTE = 0.002
 # value 5 gives better meshes, but may exceed the face budget. The value 7 is the default of
 # fast_simplification.
 _AGGRESSIVENESS, _HIGH_AGGRESSIVENESS = 5, 7
-# Two vertices are merged if the number of pixels that they cover together is below both limits. The limit
+# Two vertices are merged if the number of pixels that show either vertex is below both limits. The limit
 # `_MAX_MERGED_PIXELS` is in pixels of an average view. The limit `_MAX_MERGED_SHARE` is relative to the
-# pixels of an average vertex after the reduction. With these limits, unseen parts of a walled scene have 10 %
-# of the faces instead of 43 %, and PSNR rises by 0.3 dB.
+# average number of pixels per vertex after the reduction. With these limits, unseen parts of a walled scene
+# have 10 % of the faces instead of 43 %. These limits raise the PSNR by 0.3 dB.
 _MAX_MERGED_PIXELS, _MAX_MERGED_SHARE = 2.0, 0.1
-# Vertices are only merged along edges that a reduction to this share of the face budget collapses. This limit
-# prevents unseen parts from becoming too coarse.
+# Before merging, a trial reduction collapses edges until this share of the face budget remains. Only vertices
+# at these edges are merged. This limit prevents unseen parts from becoming too coarse.
 _COARSEST_SHARE = 1 / 8
-# A surface is first reduced to this multiple of the face budget. All variants of the further reduction start
-# from this shared surface. The shared first reduction saves a fifth of the time and loses no detail that a
-# later step needs.
+# A surface is first reduced to this multiple of the face budget. All further reductions start from this
+# result. This common first step saves a fifth of the time and loses no relevant detail.
 _DETAIL_FACTOR = 32
-# Radius, in a scene's coordinates, within which all errors have about the same weight. Outside the radius,
-# lengths are measured on a logarithmic scale.
+# Radius in the coordinates of a scene. Within the radius, all errors have about the same weight. Outside this
+# radius, lengths are measured on a logarithmic scale.
 _MIDDLE_RADIUS = 0.3
 
 # Parameters for the repair of slivers and crossing faces.
@@ -56,17 +55,17 @@ _MIDDLE_RADIUS = 0.3
 # A face is a sliver if its area, relative to the median area, is below this limit. Other libraries drop such
 # slivers.
 _SLIVER_AREA = 1e-3
-# Largest number of rounds of a surface repair. If a round leaves open faces, the repair removes these faces
-# and starts again.
+# Largest number of rounds of a surface repair. After each round, the repair removes faces with open edges and
+# starts again.
 _REPAIR_ROUNDS = 5
 # Largest number of rounds of smoothing the corners of crossing faces. After every `_WIDEN_ROUNDS` rounds, one
 # more ring of neighbours is smoothed as well.
 _SMOOTH_ROUNDS, _WIDEN_ROUNDS = 32, 8
-# A repair of crossing faces moves their corners back to earlier places in at most this number of rounds. If
-# faces still cross after the last round, all corners are moved back. Several rounds are needed, because
-# moving corners back can make other faces cross.
+# Largest number of rounds that move the corners of crossing faces back to earlier places. If faces still
+# cross after the last round, all corners are moved back. Several rounds are needed, because moving corners
+# back can make other faces cross.
 _REVERT_ROUNDS = 60
-# Largest number of rounds that cut out faces that still cross and close the holes.
+# Largest number of rounds that cut out the remaining crossing faces and close the holes.
 _CUT_ROUNDS = 6
 # If two vertices coincide, one vertex moves by this share of the way to the average centre of its faces. A
 # move of this size is invisible, but larger than the rounding error of float32.
@@ -87,13 +86,14 @@ def extract_boundary(values: Singles, grid: Grid, outside: float) -> tuple[Float
 
 
 def label_parts(points: Floats | Singles, faces: Ints) -> NDArray[np.int32]:
-    """Return the number (F,) of the part that each face belongs to. Different parts share no vertex."""
+    """Return the index (F,) of the connected part that contains each face. Different parts share no
+    vertex."""
     _, label = label_components(len(points), faces[:, :2].reshape(-1), faces[:, 1:].reshape(-1))
     return label[faces[:, 0]]
 
 
 def select_visible_parts(points: Floats, faces: Ints, pixels: Ints, least: float) -> Mask:
-    """Return a mask (F,) of the most visible part and all parts that `least` pixels show.
+    """Return a mask (F,) of the most visible part and of every part that at least `least` pixels show.
 
     The argument `pixels` (F,) is the number of pixels that show each face.
     """
@@ -106,7 +106,7 @@ def select_visible_parts(points: Floats, faces: Ints, pixels: Ints, least: float
 def drop_unused_points(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
     """Return the points that faces use, in their previous order.
 
-    Also return the faces with the new point numbers.
+    Also return the faces with the new point indices.
     """
     used = np.zeros(len(points), bool)
     used[faces] = True
@@ -164,7 +164,7 @@ def coarsen_unseen(
         together = covered[stays] + covered[goes]
         if together < most:
             covered[stays], into[goes] = together, stays
-        else:  # Skip later collapses that build on this collapse.
+        else:  # After a merge, skip later collapses that need one of its vertices.
             covered[stays] = covered[goes] = math.inf
     # Replace each vertex by the last vertex of its chain of merges.
     merged = np.array(into)
@@ -178,7 +178,7 @@ def _collapse_edges(
 ) -> tuple[Floats, Ints, NDArray[np.int32]]:
     """Reduce the surface to about `count` faces. Also return the collapsed edges (n, 2) in their order.
 
-    An edge is a pair of vertex numbers: the vertex that stays and the vertex that is removed.
+    An edge is a pair of vertex indices: the vertex that stays and the vertex that is removed.
     """
     import fast_simplification
 
@@ -237,7 +237,8 @@ def _drop_flaps(faces: Ints) -> Ints:
 
 
 def _close_holes(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Return the surface with its holes closed. A fan around the average of the rim closes each hole."""
+    """Return the surface with its holes closed. Each hole is closed with a fan of faces around the average of
+    its rim vertices."""
     change = close(points, faces, most_edges=1 << 30, most_share=1.0)
     is_new = change.vertex_map < 0
     placed = points[change.vertex_map]
@@ -249,7 +250,7 @@ def _close_holes(points: Floats, faces: Ints) -> tuple[Floats, Ints]:
 
 
 def _find_open_faces(faces: Ints) -> Mask:
-    """Return a mask (F,) of faces with an edge that no other face traverses in the opposite direction."""
+    """Return a mask (F,) of the faces with an open or inconsistently wound edge."""
     count = int(faces.max(initial=0)) + 1
     start, stop = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
     is_lone = np.isin(start * count + stop, stop * count + start, invert=True)
@@ -257,7 +258,8 @@ def _find_open_faces(faces: Ints) -> Mask:
 
 
 def remove_crossings(points: Floats, faces: Ints, space: Space) -> tuple[Floats, Ints]:
-    """Return a closed surface at points (V, 3) of `space` without faces that cross in the world.
+    """Remove crossing faces from a closed surface. The points (V, 3) are in the coordinates of `space`, and
+    crossings are tested in world coordinates.
 
     Corners of crossing faces are smoothed. If smoothing does not help, the crossing faces and their
     neighbours are cut out and the hole is closed. If faces still cross after several rounds, the surface with
@@ -277,11 +279,11 @@ def remove_crossings(points: Floats, faces: Ints, space: Space) -> tuple[Floats,
 
 
 def _smooth_crossings(points: Floats, faces: Ints, space: Space) -> tuple[Floats, Ints]:
-    """Return smoothed points (V, 3) with fewer crossing faces, and the remaining crossing faces.
+    """Return smoothed points (V, 3) with fewer crossing faces. Also return the remaining crossing faces.
 
     Corners of crossing faces move half way to the average of their neighbours. In the first rounds, corners
-    of slivers move as well. If faces still cross after some rounds, the neighbours of their corners move as
-    well.
+    of sliver faces move as well. If faces still cross after some rounds, the vertices around their corners
+    move as well.
     """
     points = points.copy()
     neighbours = make_neighbour_average(faces, len(points))
@@ -300,7 +302,7 @@ def _smooth_crossings(points: Floats, faces: Ints, space: Space) -> tuple[Floats
 
 
 def _find_slivers(points: Floats, faces: Ints) -> Ints:
-    """Return the numbers of faces whose area is far below the median."""
+    """Return the indices of faces whose area is far below the median."""
     sides = points[faces[:, 1:]] - points[faces[:, :1]]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     return np.flatnonzero(area < _SLIVER_AREA * np.median(area))
@@ -309,7 +311,7 @@ def _find_slivers(points: Floats, faces: Ints) -> Ints:
 def revert_crossings(points: Floats, good: Floats, faces: Ints, space: Space) -> Floats:
     """Move the corners of crossing faces back to their places in `good` (V, 3). Return the points (V, 3).
 
-    In the result, two faces only cross if they also cross in `good`.
+    The result may still contain pairs of faces that cross in `good`, but no other crossing pairs.
     """
     points = points.copy()
     moved = np.ones(len(points), bool)
@@ -324,7 +326,7 @@ def revert_crossings(points: Floats, good: Floats, faces: Ints, space: Space) ->
 
 
 def find_crossing_faces(points: Floats, faces: Ints, space: Space, moved: Mask | None = None) -> Ints:
-    """Return the numbers of faces that cross other faces in world coordinates, rounded to float32.
+    """Return the indices of the faces that cross other faces in world coordinates, rounded to float32.
 
     With `moved` (V,), only pairs of faces with a moved corner are tested.
     """
@@ -354,13 +356,13 @@ def separate_vertices(mesh: Mesh) -> Mesh:
     """Return `mesh` with no two vertices at one place.
 
     Files store the vertices of a seam twice, and readers merge all vertices with equal coordinates. The first
-    vertex at a place stays. Every other vertex at this place moves slightly towards the average centre of its
+    vertex at a place stays. Each other vertex at this place moves slightly towards the average centre of its
     faces.
     """
     vertices, corners = mesh.vertices.copy(), mesh.faces.reshape(-1)
     count = np.bincount(corners, minlength=len(vertices))
     for _ in range(_REPAIR_ROUNDS):
-        # Numbers (n,) of the used vertices that have the same place as an earlier vertex.
+        # Indices (n,) of the used vertices with the coordinates of an earlier vertex.
         _, place = np.unique(vertices, axis=0, return_inverse=True)
         order = np.argsort(place, kind="stable")
         again = order[1:][np.diff(place[order]) == 0]

@@ -3,7 +3,7 @@
 A collision shape is made of a closed surface: the mesh itself, or an enclosure of the visible parts of an
 open mesh. For an object, the closed surface is reduced to fewer faces, or CoACD cuts it into convex parts.
 For a scene, the collision shape is a thin sheet behind the visible surface. If there is no closed surface,
-convex hulls of patches of the mesh are used. `Collision.kind` names the kind of the result.
+convex hulls of patches of the mesh are used. The field `kind` of a `Collision` names the shape that was made.
 """
 
 from collections.abc import Sequence
@@ -45,20 +45,20 @@ _NEAR = PROTRUSION / 2
 
 # Parameters of the enclosure of an open mesh.
 #
-# Number of pixels of the largest depth map. With larger depth maps the enclosure would reach into every
+# Number of pixels of the largest depth map. With larger depth maps, the enclosure would reach into every
 # crack.
 PIXELS = 1 << 16
 # Number of grid cells along the longest side, for an object and for a scene. `_MARGIN` is the margin around
 # an object in grid cells. With fewer grid cells, the sheet of a scene has ragged rims.
 _CELLS, _MARGIN = (96, 224), 1.0
-# Radius, in a scene's coordinates, beyond which everything counts as sky. The sky radius is ten times the
-# near radius in world coordinates.
+# Radius in the coordinates of a scene. Everything beyond this radius counts as sky. The sky radius is ten
+# times the near radius in world coordinates.
 _SKY_RADIUS = 1.9
 
 # Shapes.
 #
-# The first value is the share of a sheet's faces on the visible side. The second value is the thickness of
-# the sheet in near radii. The remaining faces form the back and the rims of the sheet.
+# Share of the faces on the visible side of a sheet, and thickness of the sheet in near radii. The remaining
+# faces form the back and the rims of the sheet.
 _FRONT_SHARE, _SHEET_THICKNESS = 0.45, 0.02
 # A surface is first simplified to this multiple of its face budget, then to the budget. Simplification in a
 # single step would give a far worse shape.
@@ -76,9 +76,9 @@ class Collision:
         Closed and consistently wound float32 mesh without colours. Hulls and boxes are wound outwards. A mesh
         keeps the winding of the visible surface. The faces are sorted by hull.
     kind : {"mesh", "hulls", "box"}
-        The kind that was made, which may differ from the requested one.
+        The kind of the shape, which may differ from the requested kind.
     parts : int
-        The number of convex parts of "hulls"; else 1.
+        The number of convex parts for the kind "hulls", else 1.
     mean_distance : float
         Average distance from the visible surface to the shape, as a share of the diagonal. The visible
         surface is the part of the mesh that the cameras see, or the whole mesh if there are no cameras.
@@ -145,7 +145,6 @@ def make_collision(
     # the whole mesh.
     step = -(-len(visible) // POINTS)
     samples = (visible[::step] - middle) / size if len(visible) else sample_surface(*surface)[0]
-    # The closed surface is the mesh itself or its enclosure.
     solid = surface if is_closed_surface(*surface) else None
     if solid is None and len(visible) and requested != "box":
         enclosure, around = _enclose(mesh, cameras, device)
@@ -211,7 +210,7 @@ def _make_parts(
 def _find_visible(
     mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None
 ) -> tuple[Floats, Space | None]:
-    """Return the world points (n, 3) that cameras see, without the sky, and their `Space`.
+    """Return the visible world points (n, 3) without the sky. Also return the `Space` of these points.
 
     The space is None if no point is visible.
     """
@@ -225,11 +224,11 @@ def _find_visible(
 
 
 def _normalize(mesh: Mesh, visible: Floats) -> tuple[Floats, Ints, Floats, float]:
-    """Return the points and faces of the mesh relative to an origin, in a unit of length.
+    """Normalise the mesh. Return its points relative to an origin, in a unit of length, and its faces.
 
     Also return the origin and the unit. The origin is the centre of the visible points (n, 3). The unit is
-    the diagonal of their bounding box. Without visible points all points of the mesh are used. In an open
-    mesh, vertices with equal positions are merged, because they may only differ in colour.
+    the diagonal of the bounding box of these points. Without visible points, all points of the mesh are used.
+    Colour seams may store several vertices at one position. Merge such vertices in an open mesh.
     """
     if not len(mesh.faces):
         raise MeshError("MESH_ARRAY", "the mesh has no faces, so no collision shape can be made")
@@ -265,7 +264,7 @@ def _enclose(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None)
 def _pull_nearer(points: Floats, seen: Floats, faces: Ints) -> Floats:
     """Return the points of an enclosure after moving slightly protruding points towards the mesh.
 
-    Flat closed areas of unseen sides protrude, for example below a plate with a rim.
+    Unseen sides are closed by flat areas. Such an area can protrude, for example below a plate with a rim.
     """
     from scipy.spatial import cKDTree
 
@@ -282,7 +281,7 @@ def _reduce(solid: PointsAndFaces, count: int) -> PointsAndFaces:
     finer = simplify(*solid, _FIRST_STEP_FACTOR * count)
     reduced = simplify(*finer, count)
     # If the library cannot reach the requested count, the library removes whole sides. In that case, allow
-    # twice the number of faces.
+    # twice as many faces.
     while count < len(reduced[1]) < len(finer[1]):
         if measure_distances(sample_surface(*finer)[0], *reduced).mean() <= PROTRUSION:
             break
@@ -294,7 +293,7 @@ def _reduce(solid: PointsAndFaces, count: int) -> PointsAndFaces:
 def _reduce_scene(surface: PointsAndFaces, count: int, space: Space) -> PointsAndFaces:
     """Reduce a surface to about `count` faces, most of them near the cameras.
 
-    For the reduction, distances from the middle are replaced by their square roots beyond the near radius.
+    Beyond the near radius, distances from the middle are replaced by their square roots before the reduction.
     """
     offset = (surface[0] - space.center) / space.radius
     inside, faces = _reduce((offset / np.sqrt(_measure_far_factor(offset)), surface[1]), count)
@@ -312,14 +311,14 @@ def _drop_sky(solid: PointsAndFaces, seen: PointsAndFaces, space: Space) -> Poin
 def _make_sheet(patch: PointsAndFaces, count: int, space: Space) -> PointsAndFaces:
     """Return a closed sheet of about `count` faces: a visible side, a back side, and rims."""
     points, faces = _reduce_scene(patch, max(1, int(_FRONT_SHARE * count)), space)
-    # The back side is offset along the vertex normals (V, 3), which are weighted by area.
+    # Offset the back side along the vertex normals (V, 3). Each normal is a sum of face normals weighted by
+    # area.
     corners = points[faces]
     normals = np.zeros_like(points)
     np.add.at(normals, faces, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), _TINY)
     back = points - _SHEET_THICKNESS * space.radius * normals
-    # A boundary edge (n, 2) is an edge that no other face traverses in the opposite direction. Each boundary
-    # edge gets two rim faces.
+    # Find the boundary edges (n, 2), which only one face has. Each boundary edge gets two rim faces.
     sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
     keys, reverse = sides[:, 0] * len(points) + sides[:, 1], sides[:, 1] * len(points) + sides[:, 0]
     a, b = sides[~np.isin(keys, reverse)].T

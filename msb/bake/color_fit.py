@@ -1,10 +1,10 @@
 """Fit static colours by least squares, so that opaque faces match images best.
 
 Let w be the barycentric weights of a face's corners at a pixel, and t the colour of the image there. The
-corner colours c minimise the sum of (w . c - t)^2 over the pixels that show the face. A soup needs one 3 x 3
-system per face. A connected mesh needs one sparse system for all vertices. Two small terms are added to the
-sum: differences along edges, and the distance to the previous colours. Two terms keep corners with few or no
-pixels near their previous colours.
+corner colours c minimise the sum of (w . c - t)^2 over the pixels that show the face. A triangle soup needs
+one 3 x 3 system per face. A connected mesh needs one sparse system for all vertices. Two small terms are
+added to the sum: differences along edges, and the distance to the previous colours. These terms keep corners
+with few or no pixels near their previous colours.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ PRIOR = 0.05
 # limits on colours, a face with one visible tip is extrapolated to black or white. Corners of fully visible
 # faces reach 3 sigma, and limits below 8 sigma reduce the PSNR.
 _MAX_SIGMA, _MARGIN = 8.0, 0.05
-# Number of rings of visible faces that are coloured together with adjacent unseen faces. In these rings, a
-# face has as many background pixels as face pixels, so its colours are unreliable.
+# Number of rings of visible faces that are coloured together with adjacent unseen faces. In these rings, half
+# of the pixels near a face may show the background, so the fitted colours are unreliable.
 _STRIP_RINGS = 3
-# Weight of the previous colours when colours are extended to unseen faces. The previous colours only affect a
-# part without any visible neighbour.
+# Weight of the previous colours when colours are extended to unseen faces. The previous colours only matter
+# for a part without any visible neighbour.
 _FAINT_PRIOR = 1e-6
 # Number of rounds. Each round clamps colours to their limits and solves the equations of the other colours
 # again. Further rounds of clamping change little.
@@ -60,7 +60,7 @@ def split_sums(sums: Singles) -> tuple[Floats, Floats]:
 def count_pixels(sums: FaceSums) -> Floats:
     """Return the number of pixels (F,) that show each face.
 
-    A pixel's weights sum to 1, so the sum of all products counts the pixels.
+    The three weights at a pixel sum to 1, so the sum of their products counts the pixels.
     """
     count: Floats = sums.sums[:, :6] @ np.array([1.0, 2.0, 2.0, 1.0, 2.0, 1.0])
     return count
@@ -82,7 +82,8 @@ def fit_soup_colors(sums: FaceSums, colors: Singles, selected: Mask | None = Non
 
 def _solve_faces(products: Floats, targets: Floats, colors: Singles) -> Floats:
     """Return the best corner colours (n, 3, 3) of faces, given their sums over pixels."""
-    # Normal equations (n, 3, 3), with smoothness along the three edges and the previous colours as a prior.
+    # Set up the normal equations (n, 3, 3). Two terms are added: smoothness along the three edges, and the
+    # previous colours.
     system = products + SMOOTHNESS * (3 * np.eye(3) - 1) + PRIOR * np.eye(3)
     targets = targets + PRIOR * colors
     solution = np.clip(np.linalg.solve(system, targets), -1, 2)
@@ -120,7 +121,8 @@ def _solve_faces_within(system: Floats, targets: Floats, x: Floats, low: Floats,
         clamped |= (x < low) | (x > high)
         x = np.clip(x, low, high)
         free = ~clamped
-        # Move clamped values to the right side, and replace their rows by rows of the identity.
+        # Move clamped values to the right side of the equations. Replace the rows of clamped values by rows
+        # of the identity matrix.
         rest = targets - np.einsum("nij,nj->ni", system, np.where(clamped, x, 0.0))
         reduced = np.where(free[:, :, None] & free[:, None, :], system, 0.0) + clamped[:, :, None] * np.eye(3)
         solution = np.linalg.solve(reduced, np.where(free, rest, 0.0)[..., None])[..., 0]
@@ -135,7 +137,7 @@ def fit_mesh_colors(sums: FaceSums, faces: Ints, colors: Singles, laplacian: csr
     """
     import scipy.sparse as sparse
 
-    # Assemble the sparse matrix (V, V) from the products of each face, and the right sides (V, 3).
+    # Add up the products of all faces in a sparse matrix (V, V). The right sides have the shape (V, 3).
     count = len(colors)
     products, targets = split_sums(sums.sums)
     rows, columns = np.repeat(faces, 3, axis=1).reshape(-1), np.tile(faces, (1, 3)).reshape(-1)
@@ -189,7 +191,8 @@ def extend_colors(colors: Singles, faces: Ints, pixels: Floats) -> Singles:
     rows = np.flatnonzero(loose)
     if len(rows) in (0, len(colors)):
         return colors
-    # Solve Laplace's equation for the loose vertices (n,), with the fixed vertices as boundary values.
+    # Solve Laplace's equation for the vertices (n,) without a colour. The colours of the other vertices are
+    # boundary values.
     laplacian = make_edge_laplacian(faces, len(colors))[rows]
     system = (laplacian[:, rows] + _FAINT_PRIOR * sparse.identity(len(rows))).tocsr()
     before = colors.astype(np.float64)

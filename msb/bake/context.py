@@ -40,7 +40,7 @@ class BestState:
         self._validation, self._weigh = validation, weigh
         self._error = np.inf
         self.evaluations_since = 0
-        """Number of evaluations since the best state was found."""
+        """Number of validations since the best state was found."""
         self._soup: Soup | None = None
 
     @property

@@ -1,4 +1,5 @@
-"""Depth maps vote on which cells of a grid are solid, on the device (Curless and Levoy 1996)."""
+"""Depth maps vote on which cells of a grid are solid (Curless and Levoy 1996). The votes are computed on the
+device."""
 
 from __future__ import annotations
 
@@ -24,24 +25,23 @@ if TYPE_CHECKING:
     from msb.cl import Buffer, Device
     from msb.scenes import Camera
 
-# Distances in cells. A cell has the largest vote, 1, if it is at least `REACH` in front of a surface. A
-# surface hides cells more than `BEHIND` behind the surface, so a view does not vote on such cells. `BEHIND`
-# is smaller than `REACH`, so that the votes of views from two sides of a thin sheet do not cancel. Thin
-# leaves would vanish from the solid if both distances were equal.
+# Distances in cells. A cell has the largest vote, 1, if its distance in front of a surface is at least
+# `REACH`. A view does not vote on cells that are farther than `BEHIND` behind the visible surface. `BEHIND`
+# is smaller than `REACH`, because two views from opposite sides of a thin sheet give opposite votes. If both
+# distances were equal, the two votes would cancel, and thin leaves would vanish from the solid.
 REACH, BEHIND = 3.0, 1.5
 # The surface is moved outwards by this number of cells, so that thin sheets and stems become solids that the
 # grid can resolve. `pull_in` moves the surface back where the solid is thick.
 THICKNESS = 1.0
-# Smallest ratio of the number of views that see a cell to the number of views that do not see the cell. Below
-# this ratio, the cell counts as solid. The few views that see the cell probably look through a hole in the
-# soup.
+# Number of views that see a cell, divided by the number of views that do not see the cell. A cell with a
+# smaller ratio counts as solid. The few views that see the cell probably look through a hole in the soup.
 MIN_SEEN_RATIO = 0.05
 # Number of steps of `pull_in`. Each step interpolates the grid once.
 _PULL_STEPS = 5
 # Work-items of a work-group.
 _GROUP = 64
-# The first number is the number of views that vote in one run of the kernel. The second number is the floats
-# per view in the kernel's input. Eight views share one pass over the cells.
+# The first number is the number of views per run of the kernel. The second number is the number of floats per
+# view in the kernel's input.
 _VIEWS_PER_RUN, _RECORD = 8, 19
 # Value of a cell without any vote.
 UNKNOWN = 2.0
@@ -49,7 +49,7 @@ UNKNOWN = 2.0
 # Therefore the points do not line up in columns.
 _PIXELS_PER_POINT = 7
 _BLACK = (0.0, 0.0, 0.0)
-# Smallest coverage of a pixel by Gaussians that gives the pixel a depth.
+# A pixel has a depth if Gaussians cover at least this share of the pixel.
 MIN_ALPHA = 0.5
 
 
@@ -164,9 +164,9 @@ class DepthRenderer(StandardRenderer):
 class NativeDepthRenderer(DepthRenderer):
     """Lets the depth maps of Gaussians, instead of a mesh, vote on grid cells.
 
-    The depth of a pixel is the depth of the first Gaussian at which the transmittance is below one half. The
-    depth is measured where the ray meets the highest density. Pixels that the Gaussians cover by less than
-    half are empty.
+    Along the ray of a pixel, the transmittance falls below one half at one of the Gaussians. The depth of
+    this Gaussian is the depth of the pixel. The depth of a Gaussian is measured at its highest density along
+    the ray. Pixels that the Gaussians cover by less than half are empty.
     """
 
     def __init__(self, model: Asset, device: str | Device | None = None) -> None:
@@ -227,7 +227,7 @@ def pull_in(points: Floats, values: Singles, grid: Grid) -> Floats:
     depth = THICKNESS / REACH
     is_thick = interpolate(places + (THICKNESS + BEHIND) * inward) < -1.5 * depth
     move = THICKNESS / _PULL_STEPS * is_thick[:, None] * inward
-    # Move the points along `move` until the interpolated vote is -depth / 2.
+    # Move the points in small steps along `move` until the interpolated vote is -depth / 2.
     for _ in range(_PULL_STEPS):
         here, there = interpolate(places), interpolate(places + move)
         share = np.clip((here + depth / 2) / np.maximum(here - there, 1e-12), 0, 1)
@@ -238,8 +238,8 @@ def pull_in(points: Floats, values: Singles, grid: Grid) -> Floats:
 def _fill_unknown(values: Singles, known: Mask) -> None:
     """Fill the unknown cells of votes (nx, ny, nz) in place.
 
-    Blocks around an unknown cell have 2, 4, 8, ... cells along a side. An unknown cell gets the smoothed
-    average of the smallest block that contains known cells.
+    Each unknown cell lies in blocks with sides of 2, 4, 8, ... cells. Use the smallest block with known
+    cells, and copy its smoothed average to the unknown cell.
     """
     from scipy.ndimage import uniform_filter
 
@@ -257,7 +257,7 @@ def _fill_unknown(values: Singles, known: Mask) -> None:
         sums[there] += np.where(known[part], values[part], 0)
         count[there] += known[part]
     sums /= np.maximum(count, 1)
-    # Fill the blocks recursively. Copy their values, smoothed over 3 cells, to the unknown cells.
+    # Fill the blocks recursively. Copy the block averages, smoothed over 3 cells, to the unknown cells.
     _fill_unknown(sums, count > 0)
     for axis in range(3):
         sums = sums.repeat(2, axis=axis)
@@ -268,7 +268,7 @@ def _fill_unknown(values: Singles, known: Mask) -> None:
 def _make_shell_votes(grid: Grid) -> Singles:
     """Return votes (nx, ny, nz) for the solid shell around a scene.
 
-    The shell begins `REACH` / 2 inside `EDGE`.
+    The shell begins `REACH` / 2 cells inside the radius `EDGE`.
     """
     axes = [grid.low[k] + grid.cell * np.arange(grid.shape[k]) for k in range(3)]
     x, y, z = np.meshgrid(*(np.square(axis).astype(np.float32) for axis in axes), indexing="ij", sparse=True)

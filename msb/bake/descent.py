@@ -3,7 +3,7 @@
 An opaque image changes at the borders between faces when the faces move. The kernel `sums` of bake.cl adds up
 the pixels at face borders, for a few views at a time. These sums are the derivatives of the error with
 respect to the position of each corner. Corners move along the negative gradient by Adam's rule (Kingma and Ba
-2015), with one scale for all coordinates of a face. Every few steps, colours are fitted again by least
+2015). All coordinates of a face have the same step scale. Every few steps, colours are fitted again by least
 squares over the pixels of the last steps. Between descent steps, faces are hidden or shown if the change
 reduces the error (`msb.bake.face_selection`).
 """
@@ -28,8 +28,7 @@ _EPSILON = 1e-30
 # Decay per step of the colour sums from earlier steps. With this decay, colours depend on the last ten
 # descent steps, which draw about 80 views.
 COLOR_DECAY = 0.9
-# Steps between two fits of the colours, and between two rounds of the face selection. A selection round takes
-# as long as several steps.
+# Number of steps between two fits of the colours, and number of steps between two rounds of face selection.
 COLOR_STEPS, _SELECTION_STEPS = 5, 40
 # Number of steps between two validations. A validation is slow, because it renders all validation views.
 VALIDATION_STEPS = 20
@@ -47,7 +46,7 @@ class StepSchedule:
     Parameters
     ----------
     planned : int
-        The number of steps without a time limit.
+        The planned number of steps, if the time allows.
     until : float
         The time limit, a value of `time.monotonic`.
     progress : callable
@@ -71,8 +70,8 @@ class StepSchedule:
             pace = max(now - self._first, _EPSILON) / (step - 1)
             possible = int((self._until - now) / pace)
             self._is_short |= possible < left
-            # Once the time limit reduces the steps, the step lengths depend on the speed of the machine. In
-            # this case, leave out at least one step, so that a note reports the reduction.
+            # If the time limit reduces the number of steps, the step lengths depend on the speed of the
+            # machine. In this case, omit at least one step, because only then a note informs the user.
             if self._is_short:
                 left = min(possible, left - 1)
         if stop or now > self._until or left <= 0:
@@ -90,7 +89,7 @@ class StepSchedule:
 
 
 class Adam:
-    """Adam's rule. Turns gradients into moves by Adam's rule, in units of the step length.
+    """Adam's rule. Converts gradients to moves, in units of the step length.
 
     All coordinates of a face share one scale.
 
@@ -109,8 +108,8 @@ class Adam:
     def compute_move(self, gradient: Floats, square: Floats | float) -> Floats:
         """Return the move (..., 3) to subtract from the coordinates, for the gradient (..., 3) of the error.
 
-        The argument `square` is the mean squared gradient over all coordinates with the same scale. The shape
-        of `square` must broadcast to `gradient`.
+        `square` is the mean squared gradient over all coordinates with the same scale. The shape of `square`
+        must broadcast to `gradient`.
         """
         # Running averages. Both running averages start at 0. The divisions by 1 - decay^step correct this
         # bias.

@@ -1,10 +1,10 @@
 """Face selection of an opaque soup: hide or show many faces at once, and keep useful changes.
 
-A selection round hides some selected faces, shows some hidden faces, and draws a few views before and after.
-When a pixel changes, its error is assigned to the faces before and after the change
-(`SoupRenderer.measure_changes`). A change of the selection is kept if its gain over the views is
-statistically significant. Without a test of significance, noise would decide which faces of few pixels are
-selected.
+A selection round hides some selected faces, shows some hidden faces, and renders a few views before and after
+the change. The change of a pixel's error is assigned to two faces: the face that the pixel showed before the
+change, and the face that the pixel shows afterwards (`SoupRenderer.measure_changes`). A change of the
+selection is kept if its gain over the views is statistically significant. Without this test, noise would
+decide about faces with few pixels.
 """
 
 import numpy as np
@@ -14,8 +14,8 @@ from msb.bake.soup import Soup
 from msb.bake.soup_renderer import SoupRenderer
 
 # Share of the faces that a selection round tries. The share is small, so that neighbouring faces rarely
-# change together. If neighbouring faces changed together, the error of one face could be assigned to the
-# other.
+# change together. If two neighbours changed together, the error of one face could be assigned to its
+# neighbour.
 TRIED_SHARE = 0.08
 # A selection round and a descent step render this number of views. The time grows with the number of views,
 # and the noise falls with its square root.
@@ -23,11 +23,11 @@ BATCH_VIEWS = 8
 # A gain must exceed its standard error multiplied by this number. Without a test of the standard error, faces
 # with few pixels overfit the training views.
 MIN_STANDARD_ERRORS = 0.5
-# A gain must also exceed this squared error, summed over all views of a round. A gain of this size is far
+# A gain must also exceed this value, in squared error summed over all views of a round. This value is far
 # below the error of one wrong pixel.
 _MIN_GAIN = 1e-4
-# `hide_cheapest_faces` hides a quarter of the tried faces per round. If all tried faces were hidden,
-# overlapping faces would leave a hole, because their errors are measured together.
+# `hide_cheapest_faces` hides a quarter of the tried faces per round. The error of each tried face is measured
+# while the other tried faces are visible. Hiding overlapping faces together would leave a hole.
 _TRIED_PER_HIDDEN = 4
 
 
@@ -62,7 +62,7 @@ def toggle_faces(
 
 
 def hide_cheapest_faces(soup: Soup, renderer: SoupRenderer, random: np.random.Generator, most: int) -> None:
-    """Hide faces until only `most` faces are selected.
+    """Hide the least useful faces until only `most` faces are selected.
 
     Each round hides a quarter of the tried faces, namely the faces whose removal increases the error least.
     """

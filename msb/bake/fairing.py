@@ -18,19 +18,22 @@ from msb.topology.faces import face_vectors
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-# Width of the filter of normals, measured as the length of the difference of two unit normals. The filter
-# weight is 0.59 for normals that differ by 30 degrees (0.52), and 0.02 across a crease of 90 degrees (1.41).
+# Width of the normal filter, as the length of the difference between two unit normals. With this width,
+# normals that differ by 30 degrees (a length of 0.52) have a weight of 0.59. Normals across a crease of 90
+# degrees (1.41) have a weight of 0.02.
 _NORMAL_WIDTH = 0.5
-# Turns of `fair`. Each turn of fairing filters the normals and moves the vertices. After ten turns the dents
-# of the demo surfaces are gone, and further turns would round the rims.
+# Turns of `fair`. Each turn of fairing filters the normals and moves the vertices. After ten turns, the dents
+# of the demo surfaces are gone. Further turns would round the rims.
 _TURNS = 10
-# One smoothing turn moves a vertex twice, by these shares of the way to the average of its neighbours.
+# In one smoothing turn, a vertex moves towards the average of its neighbours, then away from the average. The
+# values are these two moves, as shares of the distance to the average.
 _SHARES = 0.5, -0.53
-# A face is folded if its normal points away from the normals around it. The cosine between the normal and the
-# area-weighted sum of the surrounding normals is then below this limit. At the rim of a thin sheet, the sum
-# of the surrounding normals includes both sides, so the cosine is near 0.
+# A face is folded if its normal points away from the normals around it. The limit applies to the cosine
+# between the normal and the area-weighted sum of the surrounding normals. The limit is negative because of
+# thin sheets: at their rim, the surrounding normals point in opposite directions, and the cosine is near 0.
 _FOLDED = -0.3
-# Smallest length of the sum of the surrounding normals, relative to the sum of their lengths.
+# The surrounding normals disagree if the length of their sum, relative to the sum of their lengths, is below
+# this limit.
 _AGREEMENT = 0.5
 # The number of fairing turns is the number of faces divided by this value, up to `_TURNS`. In a coarse
 # surface, faces are as large as the shapes themselves. A level of detail with 1,000 faces gained 0.8 dB with
@@ -43,7 +46,8 @@ _FILTER_ROUNDS, _MOVE_ROUNDS = 3, 3
 class Neighbours(NamedTuple):
     """The faces around each face: all faces that share a vertex with the face, and the face itself.
 
-    The neighbours of face i are ``faces[starts[i]:starts[i + 1]]``. For each neighbour, `owner` (n,) is i.
+    The neighbours of face i are ``faces[starts[i]:starts[i + 1]]``. `owner` (n,) repeats the index i for each
+    neighbour of face i.
     """
 
     owner: Ints
@@ -78,9 +82,10 @@ def smooth(points: Floats, faces: Ints, turns: int) -> Floats:
 
 
 def fair(points: Floats, faces: Ints) -> Floats:
-    """Filter the normals and move the vertices of a surface in some turns. Return the points (V, 3).
+    """Fair a surface: filter the normals, and move the vertices, in several turns. Return the points (V, 3).
 
-    A surface with few faces has few small dents. Therefore such a surface gets fewer turns or none.
+    A surface with few faces has few small dents. Such a surface therefore gets fewer turns of fairing, or
+    none.
     """
     neighbours = find_neighbours(faces, len(points))
     average = make_neighbour_average(faces, len(points))
@@ -119,8 +124,8 @@ def filter_normals(points: Floats, faces: Ints, neighbours: Neighbours, rounds: 
     """Filter the unit normals (F, 3) of the faces.
 
     In each round n_i becomes the unit vector of sum_j A_j exp(-|c_i - c_j|^2 / 2 s_i^2 - |n_i - n_j|^2 / 2
-    s_n^2) n_j over the neighbours j, with areas A, centres c, s_n = `_NORMAL_WIDTH`, and s_i^2 the average
-    squared distance of the centres around face i.
+    s_n^2) n_j over the neighbours j. A are the areas and c the centres of the faces, s_n = `_NORMAL_WIDTH`,
+    and s_i^2 is the average squared distance of the neighbouring centres from c_i.
     """
     owner, others, starts = neighbours
     vectors = face_vectors(points, faces)
@@ -145,8 +150,8 @@ def filter_normals(points: Floats, faces: Ints, neighbours: Neighbours, rounds: 
 def follow_normals(points: Floats, faces: Ints, normals: Floats, share: float = 1.0) -> Floats:
     """Move the points (V, 3) so that the faces turn towards the unit `normals` (F, 3). Return the points.
 
-    A vertex v moves towards the planes of its adjacent faces. The move is `share` times the average of n
-    dot(n, c - v), where a face has the normal n and the centre c.
+    A vertex v moves towards the planes of its adjacent faces. A face with the normal n and the centre c
+    contributes n dot(n, c - v). The vertex moves by `share` times the average contribution of its faces.
     """
     corners = points[faces]
     offsets = np.einsum("fk,fck->fc", normals, corners.mean(axis=1)[:, None] - corners)

@@ -34,7 +34,7 @@ class ImageCache:
     asset : Asset
         The rendered model.
     renderer : tuple of str
-        The renderer, its version and its settings.
+        The renderer, the version of the renderer, and the settings.
     """
 
     def __init__(self, folder: Path, asset: Asset, renderer: tuple[str, ...]) -> None:
@@ -75,7 +75,7 @@ class ImageCache:
         return image
 
     def notes(self) -> list[str]:
-        """If cached images were reused or damaged, return a note with their numbers."""
+        """Return a note with the numbers of reused and damaged images, or an empty list."""
         if not self._reused and not self._damaged:
             return []
         count = len(self._reused)

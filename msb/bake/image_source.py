@@ -25,8 +25,7 @@ from msb.render import Renderer
 from msb.render.backend import check_supported, minimal_options
 from msb.scenes import Camera
 
-# Number of samples along each side of a pixel for standard-tier images. 4 x 4 samples look similar to the
-# multisampling of an engine.
+# Standard-tier images have this number of samples along each side of a pixel.
 SAMPLES_PER_SIDE = 4
 
 

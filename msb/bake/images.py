@@ -23,8 +23,8 @@ DrawImage = Callable[["Camera"], Singles | NDArray[np.uint16]]
 # Images are stored as integers with 16 bits per channel. With 16 bits, the rounding error is 257 times
 # smaller than with 8 bits and does not limit PSNR.
 MAX_LEVEL = 65535
-# If there are at least this many views, each image is halved on one pixel grid instead of two. Halving on a
-# single grid saves a sixth of the pixels.
+# If there are at least this many views, each image is halved on one pixel grid instead of two. Using one
+# pixel grid instead of two saves a sixth of the pixels.
 _MANY_VIEWS = 32
 
 
@@ -77,11 +77,12 @@ class ViewImages:
         return np.frombuffer(self._file.read(2 * count), np.uint16).reshape(camera.height, camera.width, 3)
 
     def select(self, numbers: Sequence[int]) -> ViewImages:
-        """Return a subset of the images, with these numbers. This object keeps the files of the images."""
+        """Return the images with the indices `numbers`. This object still owns the temporary files."""
         return _ImageSubset([(self, number) for number in numbers], [self.weights[k] for k in numbers])
 
     def with_coarser_levels(self, pixels: int) -> ViewImages:
-        """Return these images and halved copies. The smallest copies have at most `pixels` pixels.
+        """Return these images and copies of half the size, a quarter of the size, and so on. The smallest
+        copies have at most `pixels` pixels.
 
         An image can be halved on four pixel grids, which are shifted 0 or 1 pixels to the right and down.
         Each image is halved on two grids that together cover all rows and columns. If there are many views,
@@ -93,8 +94,8 @@ class ViewImages:
         chosen, weights = [*level], [1.0] * len(level)
         grids = 1 if len(self) >= _MANY_VIEWS else 2
         while level[0][0].max_pixels > pixels and level[0][0]._shortest_side > 2:
-            # Choose the pixel grids for halving view number `turn`. A grid is given by its shift (right,
-            # down) in pixels of the larger image.
+            # Choose the pixel grids for the view with the index `turn`. A grid is shifted by 0 or 1 pixels of
+            # the larger image to the right and down.
             level = [
                 (images._halve(right, right ^ turn % 2), number)
                 for turn, (images, number) in enumerate(level)
@@ -142,7 +143,7 @@ class ViewImages:
         numbers = {id(camera): number for number, camera in enumerate(cameras)}
 
         def average(camera: Camera) -> NDArray[np.uint16]:
-            # Sums of 2 x 2 pixels as integers, rounded to the nearest average.
+            # Add up 2 x 2 pixels as integers, and round to the nearest average.
             image = self.stored_image(numbers[id(camera)])[down:, right:]
             image = image[: 2 * camera.height, : 2 * camera.width]
             rows = np.add(image[::2], image[1::2], dtype=np.uint32)
@@ -183,7 +184,7 @@ def quantize(image: Singles | NDArray[np.uint16]) -> NDArray[np.uint16]:
 class _ImageSubset(ViewImages):
     """A subset of the images of other image sets.
 
-    An image is identified by its set and its number in the set.
+    An image is identified by its set and its index in the set.
     """
 
     def __init__(self, chosen: Sequence[tuple[ViewImages, int]], weights: Sequence[float]) -> None:

@@ -23,28 +23,29 @@ from msb.meshes.mesh import Mesh
 # A level of detail is evaluated on a full-HD screen with this number of pixel rows. On such a screen, the
 # geometric error of a level must be below a pixel.
 SCREEN_ROWS = 1080
-# The error of a level is this percentile of the errors at the sample points. A few outliers therefore have no
-# influence.
+# The geometric error of a level is this percentile of the distances at the sample points. A few outliers
+# therefore do not change the error.
 _ERROR_PERCENTILE = 95.0
-# One reduction stage keeps at least this share of the faces of a soup. The kept faces are then moved. With
-# stages of this size, a level with 50 % of the faces loses 0.1 to 0.3 dB. With stages that hid more faces,
-# such a level lost up to 0.6 dB.
+# One reduction stage keeps at least this share of the faces of a soup. The faces that stay are then moved.
+# With stages of this size, a level with 50 % of the faces loses 0.1 to 0.3 dB. With stages that hid more
+# faces, such a level lost up to 0.6 dB.
 _STAGE_SHARE = 0.5
-# A soup's remaining faces, or a surface's vertices, move in this number of steps. With 300 steps instead of
-# 200, a level of a walled scene gains 0.2 dB.
+# Number of steps that move the remaining faces of a soup, or the vertices of a surface. With 300 steps
+# instead of 200, a level of a walled scene gains 0.2 dB.
 _STEPS = 300
-# Length of a soup's descent step at the start and at the end, relative to the size of a face. Small last
-# steps preserve the gain of the first steps.
+# Step length of the descent for a soup, at the start and at the end, relative to the size of a face. With
+# small last steps, the search does not lose what the first steps gained.
 _STEP_LENGTHS = 0.03, 0.0003
 
 
 def make_lods(
     mesh: Mesh, context: SearchContext, shares: Sequence[float], *, seconds: float = math.inf
 ) -> Iterator[tuple[Mesh, list[str]]]:
-    """Yield a mesh for each of the falling `shares` of the faces, and notes for the user.
+    """Yield a mesh and notes for the user, for each value of `shares`. The values are falling shares of the
+    faces.
 
-    A level of detail is made when the iterator reaches it. The search for a level takes at most `seconds`. A
-    level has rough vertex colours and no texture.
+    The iterator makes a level of detail when the caller requests the next mesh. The search for a level takes
+    at most `seconds`. The colours of a level are rough vertex colours, without a texture.
 
     In a soup, faces are hidden if their removal increases the error in the training images least. The other
     faces of a soup are then moved to cover the gaps. Each level of detail is made from the previous level. A
@@ -106,7 +107,7 @@ def _reduce_soup(
 def _reduce_closed(
     mesh: Mesh, whole: SearchContext, counts: Sequence[int], seconds: float
 ) -> Iterator[tuple[Mesh, list[str]]]:
-    """Yield a closed surface with fewer faces for each count, with moved vertices."""
+    """For each count, yield a closed surface with fewer faces, whose vertices were moved."""
     context = whole.limited_to(PIXELS_TO_MOVE)
     cameras = context.training.cameras
     visible = find_visible_points(mesh, cameras, context.device)
@@ -126,7 +127,7 @@ def _reduce_closed(
 def _reduce_open(
     mesh: Mesh, context: SearchContext, counts: Sequence[int]
 ) -> Iterator[tuple[Mesh, list[str]]]:
-    """Yield an open surface with fewer faces for each count, without moving its vertices."""
+    """For each count, yield an open surface with fewer faces. The vertices are not moved."""
     points = mesh.vertices.astype(np.float64)
     for level, count in enumerate(counts):
         _report_progress(context, level, len(counts), 0, 1)
@@ -145,10 +146,11 @@ def _report_progress(context: SearchContext, level: int, levels: int, done: int,
 
 
 def _plan_stages(faces: int, counts: Sequence[int]) -> list[tuple[int, int]]:
-    """Return the stages as pairs: the number of faces, and the number of stages until the next level.
+    """Return the stages as pairs. The first number is the number of faces after the stage.
 
-    The second number is 1 if this stage completes a level of detail. The numbers of faces fall from `faces`
-    through all `counts`. A stage never keeps less than `_STAGE_SHARE` of the faces.
+    The second number counts the stages until the next level of detail is complete. The second number is 1 for
+    the last of these stages. The numbers of faces fall from `faces` through all `counts`. A stage never keeps
+    less than `_STAGE_SHARE` of the faces.
     """
     stages: list[tuple[int, int]] = []
     for count in counts:
@@ -160,14 +162,15 @@ def _plan_stages(faces: int, counts: Sequence[int]) -> list[tuple[int, int]]:
 
 
 def measure_screen_share(mesh: Mesh, lod: Mesh, *, rows: int = SCREEN_ROWS) -> float:
-    """Return the largest relative height of the model in an image at which `lod` can replace `mesh`.
+    """Return the size below which `lod` can replace `mesh`: the height of the model as a share of the image
+    height.
 
     At this height, 95 % of the points of each surface are less than a pixel from the other surface. The image
     has `rows` rows. The height of the model is the diameter of its bounding sphere. The bounding sphere has
     the centre of the model's bounding box, and contains the farthest vertex. The result is at most 1. Colour
     differences are not measured.
     """
-    # Distances between the two surfaces in both directions.
+    # Measure the distances between the two surfaces in both directions.
     ends = [(part.vertices.astype(np.float64), part.faces) for part in (mesh, lod)]
     pairs = (ends, ends[::-1])
     distances = [measure_distances(sample_surface(*start)[0], *end) for start, end in pairs]

@@ -16,10 +16,10 @@ from msb.meshes.assets import mesh_from_asset, with_vertex_colors
 from msb.meshes.charts import with_sampled_colors
 from msb.meshes.mesh import Mesh
 
-# These limits apply to a ratio: the blending weight of a face, divided by the number of pixels that the
-# opaque face covers. The limits are tried in this order. Faces with a smaller ratio are pruned, because the
-# faces behind them contribute more to native renderings. The validation images decide which limit is best.
-# The value 0.25 was best for a walled scene and for a garden. Limits above 0.4 open holes.
+# Limits of a ratio: the blending weight of a face, divided by the number of pixels that the opaque face
+# covers. The limits are tried in this order. A face whose ratio is below the limit is pruned, because the
+# faces behind it contribute more to native renderings. The validation images decide which limit is best. The
+# value 0.25 was best for a walled scene and for a garden. Limits above 0.4 open holes.
 WEIGHT_RATIOS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35)
 # A face is near a camera if its distance is below this share of the median distance of the visible faces.
 _NEAR_SHARE = 0.25
@@ -32,8 +32,8 @@ def hide_stray_faces(soup: Soup, renderer: SoupRenderer, best: BestState) -> Sou
     """Hide the stray faces of a soup. Return the best state.
 
     Faces that no training view shows are always hidden, because no image determines their place and colour.
-    Faces that only a single view shows, and faces near a camera, are often haze that became opaque. Faces of
-    haze are hidden if hiding them does not increase the error in the validation images.
+    Faces that only a single view shows, and faces near a camera, often come from transparent haze that became
+    opaque. Faces of this haze are hidden if hiding them does not increase the error in the validation images.
     """
     count = len(soup.selected)
     views, nearest = np.zeros(count, np.int64), np.full(count, np.inf)
@@ -92,8 +92,8 @@ def prune_faces(
             soup.colors[weight > 0] = color[weight > 0, None].astype(np.float32)
     covered = count_pixels(soup.refit_colors(renderer, _VIEW_STEP))
     best.evaluate(soup)
-    # Raise the limit of the ratio step by step. Each pruning step uncovers further faces, so colours are
-    # fitted again.
+    # Raise the limit of the ratio step by step. Fit the colours again after each pruning step, because
+    # further faces become visible.
     for ratio in WEIGHT_RATIOS if weights is not None else ():
         soup.selected &= weight >= ratio * covered
         covered = count_pixels(soup.refit_colors(renderer, _VIEW_STEP))

@@ -20,10 +20,10 @@ from msb.topology.faces import signed_volume
 # The skin is an icosahedron after this number of subdivisions: 642 directions, 1,280 faces, edges of 8
 # degrees.
 _SUBDIVISIONS = 3
-# Largest angle in radians between two sampled points of a face. The sampling angle is below the edges of the
-# skin, so that no direction misses a face.
+# Angle in radians between neighbouring sample points of a face. This angle is smaller than the angle between
+# neighbouring directions, so that a face is found in every direction.
 _MAX_STEP = 0.07
-# Largest number of rounds that halve the edges of faces to sample the faces.
+# Largest number of rounds that halve the edges of faces. The new corners are sample points.
 _MAX_ROUNDS = 6
 # Colour of the skin, which no view sees: a neutral grey.
 _GREY = 128
@@ -38,9 +38,10 @@ def is_interior(mesh: Mesh) -> bool:
 def add_outer_skin(mesh: Mesh, thickness: float) -> Mesh:
     """Append an outer skin to the vertices and faces of `mesh`, and return the result.
 
-    In each direction from the middle, the surface has a farthest point. The skin lies behind this farthest
-    point. The skin is behind this point by `thickness` times the distance of the point from the middle. The
-    skin is grey, or has the colour of one texel.
+    For each direction from the middle, find the farthest point of the surface. In each direction, the skin
+    lies behind the farthest point. The distance between the skin and this point is `thickness` times the
+    distance from the middle to the point. The skin is grey, or the colour of a single texel for a textured
+    mesh.
     """
     points = mesh.vertices.astype(np.float64)
     middle = np.median(points[np.unique(mesh.faces)], axis=0)
@@ -81,7 +82,7 @@ def _make_sphere() -> tuple[Floats, Ints]:
     )
     faces[inward] = faces[inward][:, ::-1]
     for _ in range(_SUBDIVISIONS):
-        # Halve the edges. `number` (3F,) is the number of the new point in the middle of each side.
+        # Halve the edges. `number` (3F,) is the index of the new point in the middle of each side.
         sides = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
         ends, number = np.unique(sides, axis=0, return_inverse=True)
         ab, bc, ca = (len(points) + number.reshape(-1, 3)).T
@@ -95,12 +96,12 @@ def _make_sphere() -> tuple[Floats, Ints]:
 def _find_farthest(corners: Floats, directions: Floats, faces: Ints) -> Floats:
     """Return the largest distance (V,) of face corners (F, 3, 3) around each direction (V, 3).
 
-    The distance of a direction is the maximum over its neighbours on the sphere as well. A direction without
-    points gets the largest distance of all directions.
+    Each direction gets the maximum of its own distance and the distances of the neighbouring directions. A
+    direction without points gets the largest distance of all directions.
     """
     from scipy.spatial import cKDTree
 
-    # Split faces that span a large angle, so that the new corners sample the faces.
+    # Split faces that span a large angle. The new corners then sample the faces densely enough.
     samples = [corners.reshape(-1, 3)]
     for _ in range(_MAX_ROUNDS):
         unit = corners / np.maximum(np.linalg.norm(corners, axis=2, keepdims=True), 1e-300)
@@ -120,7 +121,7 @@ def _find_farthest(corners: Floats, directions: Floats, faces: Ints) -> Floats:
     radius = np.zeros(len(directions))
     np.maximum.at(radius, nearest, length)
     radius[radius == 0] = length.max()
-    # Use the maximum over the neighbours, so that the faces of the skin lie behind all points.
+    # Take the maximum over neighbouring directions, so that the faces of the skin lie behind all points.
     largest = radius.copy()
     sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     np.maximum.at(largest, sides[:, 0], radius[sides[:, 1]])

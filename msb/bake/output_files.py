@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
     WriteFile = Callable[[BinaryIO], object]
 
-# The smallest mesh with a texture, used to list the files of a textured mesh. Any textured mesh needs the
-# same additional files.
+# The smallest textured mesh needs the same additional files as any textured mesh.
 _SMALLEST_TEXTURED = Mesh(
     np.zeros((3, 3), np.float32),
     np.arange(3)[None],
@@ -41,7 +40,7 @@ class OutputAsset(NamedTuple):
     """An asset of a bake, the ending of its file name, and the `extras` in its GLB.
 
     The field `collision` is the collision shape that a USD stage includes. The field `is_convex` states
-    whether its parts are convex. With `is_lit`, other programs light the materials.
+    whether the parts of the collision shape are convex. With `is_lit`, other programs light the materials.
     """
 
     ending: str
@@ -71,7 +70,7 @@ def list_output_files(paths: Sequence[Path], endings: Sequence[str] = ("",)) -> 
     UsageError
         USAGE: two outputs would write the same file.
     """
-    written: dict[Path, Path] = {}  # A dictionary from each file to the path in `paths` that it belongs to.
+    written: dict[Path, Path] = {}  # For each file, the output path that needs this file.
     for path in paths:
         suffix = output_suffix(path)
         for ending in endings:
@@ -92,14 +91,13 @@ def write_assets(
 ) -> list[tuple[Path, int]]:
     """Write assets to all paths in the formats of their suffixes. If one file fails, write no file.
 
-    For each asset, returns its file at the first path and the size in bytes. The size includes additional
-    files that this file needs.
+    Return the first file of each asset, and its size in bytes. The size includes the additional files.
     """
     if not paths:
         raise UsageError("USAGE", "missing output; pass a path to write to")
     list_output_files(paths, [asset.ending for asset in assets])
     writes: list[tuple[Path, WriteFile]] = []
-    # For each asset at the first path, store the file and the number of files up to this file.
+    # For each asset, store the path of its file in the first output, and the number of files so far.
     main: list[tuple[Path, int]] = []
     for path in paths:
         for asset in assets:

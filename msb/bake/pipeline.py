@@ -40,26 +40,26 @@ from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.topology.faces import face_areas
 
-# The movement of fitted triangles, and each level of detail, may take this share of `seconds`.
+# Share of the time limit `seconds` for the movement of fitted triangles, and for each level of detail.
 _FITTED_SHARE = 2 / 3
-# Each of the two searches of a surface may take this share of `seconds`. The first search fits the soup for
-# the depth maps, and the second search moves the vertices. Together with the steps that have no time limit, a
-# surface takes 1.5 times as long as fitted triangles.
+# Share of the time limit `seconds` for each of the two searches of a surface. The first search fits the soup
+# for the depth maps, and the second search moves the vertices. The remaining steps have no time limit, so a
+# surface takes about 1.5 times as long as fitted triangles.
 _SURFACE_SHARE = 0.4
-# Smallest time limit of a search in seconds. A search with this limit still makes a single step.
+# Smallest time limit of a search in seconds. Within this time, a search makes a single step.
 _MIN_SECONDS = 1e-3
-# The texture is halved if this loses at most this number of dB. The loss is averaged over images with 1 and
-# with 16 samples per pixel.
+# The texture size is halved if the PSNR loss is at most this number of dB. The PSNR loss is the average of
+# two values, for images with 1 and with 16 samples per pixel.
 _MAX_TEXTURE_LOSS = 0.02
 _SAMPLES = (1, SAMPLES_PER_SIDE)
 # Smallest number of texels along a side of a texture with automatic size.
 _MIN_TEXTURE_SIDE = 256
-# Smallest number of texels per face in the texture of a level of detail. A face of a soup with its margin
-# needs about 4 texels.
+# Smallest number of texels per face in the texture of a level of detail. A face of a soup and its margin need
+# about 4 texels.
 _TEXELS_PER_FACE = 8
-# Scale of the training images: their width and height relative to the views. If the training images have the
-# size of the views, a texture looks blurred in the views. In addition, moved faces followed the aliasing of
-# such images, which lowered PSNR by 1.3 dB.
+# Scale of the training images: their width and height relative to the views. Training images of the same size
+# as the views would give a texture that looks blurred in the views. Moved faces would also follow the
+# aliasing of these images, which lowered PSNR by 1.3 dB.
 _IMAGE_SCALE = 2
 _SOLID_CANDIDATES: tuple[Geometry, ...] = ("fitted", "surface")
 _OPAQUE_NOTE = (
@@ -144,9 +144,9 @@ class BakePipeline:
         """Return the scale of the training images relative to the views.
 
         Larger images show the borders of faces more precisely, so the training images are larger than small
-        views. Use the scale 1 if no face moves, no texture is fitted, and faces cover enough pixels. Images
-        at scale 1 are rendered in a quarter of the time. Renderers dilate Gaussians by a part of a pixel, so
-        the Gaussians are thinner in larger images.
+        views. Use the scale 1 if no face moves, no texture is fitted, and the faces cover enough pixels.
+        Images at scale 1 are rendered in a quarter of the time. For Gaussians, the scale is always 1.
+        Renderers widen Gaussians by a part of a pixel, so Gaussians would be thinner in larger images.
         """
         if self._is_splat:
             return 1
@@ -202,8 +202,8 @@ class BakePipeline:
                 if not candidates:
                     raise
                 notes.append(f"{name} could not be made: {error.message}")
-        # Compare the candidates by their validation images. While candidates are compared, their colours are
-        # fitted to the training images only.
+        # Compare the candidates by their validation images. Fit the colours of compared candidates to the
+        # training images only.
         tried: dict[str, float] = {}
         if len(candidates) > 1:
             targets = [self._validation.limited_to(self._pixels)]
@@ -215,7 +215,9 @@ class BakePipeline:
                 tried[name] = measure_psnr(asset, targets, SAMPLES_PER_SIDE, self._device)[0]
         chosen, why = self._choose_candidate(candidates, tried)
         notes += candidate_notes[chosen]
-        if self._options.lod_shares:  # Levels start with the vertex colours, not the texture.
+        if (
+            self._options.lod_shares
+        ):  # A level of detail starts with the vertex colours, not with the texture.
             self._untextured = candidates[chosen]
         if stopped():
             notes.append("interrupted; the result is the best state until the interruption")
@@ -297,7 +299,9 @@ class BakePipeline:
         options = self._options
         if options.geometry != "auto":
             return [options.geometry], []
-        if self._is_splat:  # Gaussians have stand-in triangles, which are not used as a candidate.
+        if (
+            self._is_splat
+        ):  # Assets of Gaussians contain placeholder triangles, which are not used as a candidate.
             return ["surface"], []
         if options.for_solid:
             if self._context.shows_model_mesh and options.faces is None and _is_solid(self._asset):

@@ -19,11 +19,7 @@ _SIDE = 320
 def choose_frame(
     model: Asset, baked: Asset, views: BakeViews, options: BakeOptions, device: str | None
 ) -> Frame | None:
-    """Return the coordinate frame of the baked asset.
-
-    Return None if this frame equals the frame of the model. The up direction is given, else taken from the
-    model, else estimated from the cameras of the scene.
-    """
+    """Return the coordinate frame of the baked asset. Return None if it equals the frame of the model."""
     frame = options.frame or Frame()
     if frame.up is None and views.scene is not None and model.manifest.coordinate_frame.known_up is None:
         frame = replace(frame, up=unit_vector(views.scene.up))

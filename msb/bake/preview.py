@@ -31,8 +31,8 @@ class Preview:
     image : (H, W, 3) float32
         RGB in [0, 1], with one row of images per view. Meshes are drawn with 16 samples per pixel.
     columns : tuple of str
-        The titles of its columns, from the left: "photograph" or "native rendering"; "unbaked mesh", if the
-        model has a standard tier; "baked".
+        The titles of the columns from the left. The first title is "photograph" or "native rendering". The
+        next title is "unbaked mesh" if the model has a standard tier. The last title is "baked".
     cameras : tuple of Camera
         The test views, or the training views if no view is held out.
     """
@@ -42,7 +42,8 @@ class Preview:
     cameras: tuple[Camera, ...]
 
     def moved_back(self, origin: Origin) -> Preview:
-        """Return the preview with its cameras, which are relative to `origin`, in scene coordinates."""
+        """Return the preview with its cameras in scene coordinates. The given cameras are relative to
+        `origin`."""
         to_scene = -np.asarray(origin)
         return replace(self, cameras=tuple(camera.relative_to(to_scene) for camera in self.cameras))
 

@@ -23,8 +23,8 @@ def measure_quality(
 ) -> tuple[Psnr | None, Psnr | None]:
     """Return the PSNR of a baked asset on the test views, compared with native renderings and photographs.
 
-    Both results are None without test views. Both results are also None if the model covers too few pixels.
-    The PSNR to photographs is None without a scene.
+    The PSNR is None without test views. The PSNR is also None if the model covers too few pixels. The PSNR to
+    photographs is None without a scene.
     """
     test = views.test
     if not test or views.why_not_judged is not None:
@@ -56,8 +56,8 @@ def _measure_model_only(
 ) -> float:
     """Return the average PSNR in dB over the pixels that the model or the baked mesh covers.
 
-    The argument `covered` has the coverage masks (H, W) of the model. Pixels that neither mesh covers show
-    the background in both images.
+    `covered` contains the coverage masks (H, W) of the model. Both images show the background at pixels that
+    neither mesh covers.
     """
     values = []
     with closing(StandardRenderer(baked, device=device, supersample=SAMPLES_PER_SIDE)) as renderer:

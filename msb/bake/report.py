@@ -27,13 +27,15 @@ class Psnr:
     Attributes
     ----------
     native : float or None
-        PSNR of native renderings, compared with photographs; None if native renderings are the reference.
+        PSNR of native renderings compared with photographs. The value is None if native renderings are the
+        reference.
     before : float or None
-        PSNR of the model's standard-tier mesh; None if the model has no standard tier.
+        PSNR of the model's standard-tier mesh. The value is None if the model has no standard tier.
     after, after_16 : float
         PSNR of the baked mesh on the standard tier, with one sample per pixel and with 16.
     model_only_16 : float or None
-        `after_16` over the pixels that the model or the baked mesh covers; None if it was not measured.
+        PSNR like `after_16`, but only over the pixels that the model or the baked mesh covers. The value is
+        None if it was not measured.
     """
 
     native: float | None
@@ -50,7 +52,7 @@ class Psnr:
     def to_dict(self, *, is_to_native: bool) -> dict[str, float | None]:
         """Return the quality as JSON data.
 
-        The supervision determines whether `native` or `model_only_16` is present.
+        With native renderings as supervision, the data contains `model_only_16`, otherwise `native`.
         """
         values = asdict(self)
         del values["native" if is_to_native else "model_only_16"]
@@ -86,9 +88,9 @@ class LodReport:
         The requested share of the faces.
     faces : int
     native_after_16 : float or None
-        PSNR in dB to native renderings with 16 samples per pixel; None without a test view.
+        PSNR in dB to native renderings with 16 samples per pixel. The value is None without a test view.
     screen_share : float
-        The model may cover at most this share of an image's height with this level
+        This level can be used if the model covers at most this share of the image height
         (`msb.bake.lods.measure_screen_share`).
     bytes : int or None
     output : str or None
@@ -116,7 +118,7 @@ class LodReport:
 
 @dataclass(frozen=True)
 class CollisionReport:
-    """A collision shape, with the numbers of `msb.bake.collision.Collision`."""
+    """The report on a collision shape, with the fields of `msb.bake.collision.Collision`."""
 
     kind: str
     faces: int
@@ -149,7 +151,8 @@ class ShapeReport:
     truth: TrueShape | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the shape as JSON data. Angles are in degrees, and depths are relative to the size."""
+        """Return the shape as JSON data. Angles are in degrees. Depths are relative to the size of the
+        surface."""
         error = depth = None
         if self.truth is not None and not math.isnan(self.truth.mean):
             error = {name: getattr(self.truth, name) for name in ("mean", "median", "above_30")}
@@ -178,17 +181,17 @@ class Report:
     Attributes
     ----------
     geometry, color : str
-        "kept", "fitted" or "surface"; with a "texture" or colours at each "vertex".
+        The geometry is "kept", "fitted" or "surface". The colours are in a "texture" or at each "vertex".
     vertices, faces : int
     texture : (int, int) or None
         Width and height of the texture.
     bytes : int or None
-        Size of the first file in bytes; None before it is written.
+        Size of the first file in bytes. The value is None before the file is written.
     seconds : float
         The time of the bake in seconds, without reading the model and writing files.
     training, validation, test, interpolated : int
-        The numbers of views. The images of training and interpolated views supervise, validation views decide
-        between results, and test views are held out for the measurement.
+        The numbers of views. Training views and interpolated views supervise. Validation views decide between
+        results. Test views are held out for the measurement.
     views : str
         Where the views come from.
     supervision : str
@@ -196,12 +199,12 @@ class Report:
     unseen_area : float
         Share of the model's area that no training or validation view sees.
     native, photographs : Psnr or None
-        PSNR on the test views to native renderings, and to photographs; None without test views or
-        photographs.
+        PSNR on the test views, compared with native renderings and with photographs. The value is None
+        without test views or photographs.
     shape : ShapeReport or None
-        The shape of a connected mesh; None for a soup.
+        The shape of a connected mesh, or None for a soup.
     before : Verdict or None
-        The verdict on the model's mesh; None for Gaussians.
+        The verdict on the model's mesh, or None for Gaussians.
     after : Verdict
         The verdict on the baked mesh.
     model_faces : int
@@ -211,11 +214,11 @@ class Report:
     device : str
         The OpenCL device.
     supervisions : dict of str to float
-        PSNR in dB to the photographs of the validation views after supervision by "native" renderings and by
-        "photographs", with 16 samples per pixel, if both were tried.
+        PSNR in dB to the photographs of the validation views, with 16 samples per pixel. The keys "native"
+        and "photographs" name the supervision. Empty for a single supervision.
     tried : dict of str to float
-        PSNR in dB of each candidate geometry on the validation views, with 16 samples per pixel, if several
-        were made.
+        PSNR in dB of each candidate geometry on the validation views, with 16 samples per pixel. The mapping
+        is empty if only one candidate was made.
     notes : tuple of str
         Notes for the user.
     lods : tuple of LodReport
@@ -256,7 +259,7 @@ class Report:
     output: str | None = None
 
     def with_files(self, files: Sequence[tuple[Path, int]]) -> Report:
-        """Return the report with paths and sizes in bytes of the written files.
+        """Return the report with the path and the size in bytes of each written file.
 
         The files are the asset, its levels of detail, and its collision shape. A size includes additional
         files that the file needs.
@@ -313,7 +316,7 @@ class Report:
             change = "as before" if is_same else f"was {self.before.level.upper()}"
         text = f"Audit: {self.after.level.upper()}, {change}"
         text += f": {self.after.reason}" if self.after.reason else ""
-        # If a surface was already made or tried, no advice is needed.
+        # No advice is needed if a surface was already made or tried.
         can_help = self.after.level != "ok" and "surface" not in (self.geometry, *self.tried)
         return text + ("; use --geometry surface for a watertight mesh" if can_help else "")
 
@@ -380,7 +383,7 @@ def describe_choice(tried: Mapping[str, float]) -> str:
 
 
 def average_psnr(values: Sequence[float]) -> float:
-    """Return the average PSNR in dB, with infinite values replaced by the cap of the metric."""
+    """Return the average PSNR in dB. Infinite values count as the upper limit of the metric."""
     from msb.metrics.images import PSNR_CAP
 
     return sum(min(value, PSNR_CAP) for value in values) / len(values)

@@ -1,4 +1,5 @@
-"""Checks a bake's options for a model, and the installed libraries that the options need, before any work."""
+"""Before any work, check the options of a bake for a model, and check that the required libraries are
+installed."""
 
 from dataclasses import replace
 
@@ -46,9 +47,9 @@ def check_model(options: BakeOptions, asset: Asset) -> None:
         return
     kind, _ = parse_collision(options.collision)
     modules = ("fast_simplification", "coacd") if kind == "hulls" else ("fast_simplification",)
-    # Kept triangles without a boundary stay closed, because the repair does not open holes. All meshes except
-    # closed kept triangles are enclosed by a closed surface first. If both steps need missing extras, a
-    # single error names all extras.
+    # Kept triangles without a boundary stay closed, because the repair does not open holes. For every other
+    # mesh, the collision shape is made from a closed surface around the mesh. If both steps lack an extra,
+    # one error names both extras.
     is_open = options.geometry != "kept"
     if not is_open:
         welded = weld_vertices(points, faces, "exact")
@@ -66,7 +67,7 @@ def _fits_vertices(asset: Asset) -> bool:
     """Return whether vertex colours can show the colours of the model.
 
     Vertex colours cannot show colours that vary within a face, or uniform faces that share vertices. Without
-    xatlas, models with shared vertices always get vertex colours, because xatlas makes their texture.
+    xatlas, models with shared vertices always get vertex colours, because only xatlas can make their texture.
     """
     if why_not(asset.manifest, "standard") is not None:
         return False

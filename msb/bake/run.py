@@ -59,7 +59,7 @@ class Baked:
     asset : Asset
         An asset of method "mesh" in memory, with a texture or vertex colours.
     report : Report
-        Its `sentence` is the result in one line; `to_dict` returns the data that `msb bake --json` writes.
+        `sentence` is the result in one line, and `to_dict` returns the data of `msb bake --json`.
     preview : Preview
         Images of the target, of the unbaked mesh and of the baked mesh side by side.
     lods : tuple of Asset
@@ -84,9 +84,9 @@ class Baked:
         Levels of detail and the collision shape are written next to each path: NAME_lod1, NAME_lod2, ...,
         NAME_collision.
 
-        A path without a suffix, or of an existing folder, is an output folder and must be the only path. An
-        output folder gets asset.glb and its companions, bake.json, preview.png and the page index.html. In an
-        existing folder only files written by an earlier bake are replaced.
+        An output folder must be the only path. A path is a folder if it has no suffix, or if a folder with
+        this name exists. An output folder gets asset.glb and its companions, bake.json, preview.png and the
+        page index.html. In an existing folder, only files written by an earlier bake are replaced.
         """
         is_convex = self.report.collision is not None and self.report.collision.kind != "mesh"
         companions = self.lods if self.collision is None else (*self.lods, self.collision)
@@ -122,12 +122,12 @@ def bake(
     asset : Asset or path-like
         The model, or any path that `msb.open` accepts. The asset is not changed.
     scene : Scene or path-like, optional
-        The scene that the model was trained on. Its training views supervise; its test views are only used
-        for the report.
+        The scene that the model was trained on. The training views of the scene supervise. The test views are
+        only used for the report.
     cameras : iterable of Camera, optional
-        Views instead of a scene's; every 8th view is held out for the report. Default: the training cameras
-        if their file lies beside the model, else 40 generated views around the model or inside it. If there
-        are fewer than 40 supervising views, interpolated views are added.
+        Views to use instead of a scene. Every 8th view is held out for the report. The default is the
+        training cameras if their file lies beside the model, else 40 generated views around the model or
+        inside it. If there are fewer than 40 supervising views, interpolated views are added.
     background : (3,) floats, or str, optional
         As for `msb.render`. Default: the scene's background, else the asset's.
     device : str, optional
@@ -144,9 +144,9 @@ def bake(
     Other Parameters
     ----------------
     geometry : {"auto", "kept", "fitted", "surface"}, default "auto"
-        The model's own triangles, triangles moved until the opaque image matches, or one closed surface for
-        tools that need a solid. "auto" makes kept triangles and fitted triangles, and chooses the better
-        result on the validation views.
+        "kept": the model's own triangles. "fitted": triangles moved until the opaque image matches.
+        "surface": one closed surface for tools that need a solid. "auto" makes kept triangles and fitted
+        triangles, and chooses the better result on the validation views.
     for_solid : bool, default False
         With "auto": make fitted triangles and a surface, and choose the surface unless its verdict is bad. A
         mesh file with the verdict OK keeps its triangles, unless `faces` is given.
@@ -158,12 +158,12 @@ def bake(
         Photographs are chosen if they gain 0.5 dB on the photographs of the validation views. With
         photographs, the result no longer reproduces the native rendering.
     faces : int, optional
-        The largest number of fitted triangles, or the approximate number of a surface.
+        The largest number of fitted triangles, or the approximate number of triangles of a surface.
     texture : int, optional
-        Texels along a side of the texture, 16 to 16384. Default: about one texel per pixel that shows the
-        mesh in the images.
+        Texels along a side of the texture, 16 to 16384. The default is about one texel per pixel that shows
+        the mesh in the images.
     material : {"unlit", "lit"}, default "unlit"
-        Whether programs show the colours as stored, or light them. Baked colours contain the light of the
+        Whether programs show the colours as stored, or apply lighting. Baked colours contain the light of the
         photographs with both materials.
     lods : sequence of float, or str, optional
         Levels of detail: falling shares of the faces, such as (0.5, 0.25, 0.1) or "0.5,0.25,0.1".
@@ -171,25 +171,25 @@ def bake(
         A collision shape: "mesh:N", "hulls:N" or "box" (`msb.bake.collision`).
     thickness : float, default 0.05
         The surface of an interior gets an outer skin, which makes it a solid of positive volume. In each
-        direction, the thickness of the walls is this share of the distance from the middle.
+        direction, the walls have this thickness, as a share of the distance from the middle.
     effort : {"draft", "normal", "fine"}, default "normal"
         The number of steps of each search: a quarter of the normal number, the normal number, or 2.5 times
         as many. The result does not depend on the speed or the load of the machine.
     seconds : float, optional
-        Upper limit of the time to move fitted triangles, no limit by default. A surface takes about 1.5 times
-        `seconds` in total. Fitted triangles and a surface together take about 2 times `seconds`. Each level
-        of detail adds `seconds` to the total time. A note reports the number of skipped steps. In this case,
-        the result depends on the speed of the machine. If `seconds` is 0, triangles move by a single step,
+        Upper limit of the time to move fitted triangles. By default, there is no limit. A surface takes about
+        1.5 times `seconds` in total. Fitted triangles and a surface together take about 2 times `seconds`.
+        Each level of detail adds `seconds` to the total time. A note reports the number of skipped steps. The
+        result then depends on the speed of the machine. If `seconds` is 0, triangles move by a single step,
         and the face selection still runs. The time for `collision` is not included.
     seed : int, default 0
         Seed of the search. Without a limit of `seconds`, bakes with one seed on one device have the same
         result.
     truth : path-like, optional
-        A mesh of the true surface, in the coordinates of the model. With `truth`, the report has the
-        differences of the normals and depths (`msb.bake.shape`).
+        A mesh of the true surface, in the coordinates of the model. With `truth`, the report contains the
+        differences of normals and depths from the true surface (`msb.bake.shape`).
     up : str, optional
-        The direction that is up, an axis such as "+z" or "X,Y,Z", for generated views and in mesh files.
-        Default: the up direction of the asset, else an estimate from the cameras of the scene.
+        The up direction for generated views and in mesh files: an axis such as "+z", or "X,Y,Z". Default: the
+        up direction of the asset, else an estimate from the cameras of the scene.
     scale : float, optional
         The length of the scene's unit in metres. With `scale`, mesh files are written in metres.
     known_distance : (str, str, str), optional
@@ -211,7 +211,7 @@ def bake(
     MetricError
         `METRIC_NOTHING_SHOWN`: no view sees the asset.
     Unsupported
-        `UNSUPPORTED_TIER`: neither the dedicated nor the standard tier can draw the asset.
+        `UNSUPPORTED_TIER`: neither the dedicated tier nor the standard tier can draw the asset.
     AssetError, SceneError, DeviceError, InputError, CheckpointError, MeshFileError, MeshError
         Errors of `msb.Renderer`, `msb.open` and `msb.scenes.read_scene`.
 
@@ -243,7 +243,7 @@ def bake(
             attempt, supervisions, supervision_notes = make_best_attempt(inputs, settings, stack, stopped)
             views, source, pipeline = attempt.views, attempt.source, attempt.pipeline
             mesh, choice = attempt.mesh, attempt.choice
-            # All stages compute in float32, so they use coordinates relative to the origin of the model.
+            # All stages compute in float32 and use coordinates relative to the origin of the model.
             origin = model.manifest.origin
             model = without_origin(model)
             report_progress("measuring", 0, 1)
@@ -308,7 +308,7 @@ def bake(
 def _measure_shape(
     mesh: Mesh, views: BakeViews, settings: BakeOptions, origin: Origin, device: str | None
 ) -> ShapeReport | None:
-    """Return the shape of a connected mesh in the test views, or in all views without test views.
+    """Return the shape of a connected mesh in the test views. Without test views, use all views.
 
     The mesh and the views are relative to `origin`.
     """
@@ -325,10 +325,11 @@ def _measure_shape(
 
 @contextmanager
 def _catch_interrupt(keep_best: bool) -> Iterator[Callable[[], bool]]:
-    """Yield a function that returns whether to stop.
+    """Yield a function that returns whether the search should stop.
 
-    With `keep_best`, the function returns true after the first Ctrl-C. A second Ctrl-C interrupts the program
-    as usual. Only the main thread receives signals. In other threads the function returns false.
+    If `keep_best` is true, the function returns true after the first Ctrl-C. A second Ctrl-C interrupts the
+    program as usual. Outside the main thread, the function always returns false, because only the main thread
+    receives signals.
     """
     received: list[int] = []
     if not keep_best or threading.current_thread() is not threading.main_thread():

@@ -13,8 +13,8 @@ from msb.topology import audit_arrays
 from msb.topology.seams import is_closed
 from msb.topology.steps import drop, turn_faces
 
-# Growth of the allowed error per pass of fast_simplification. The default is 7. Slower growth preserves the
-# shape better, but the result may exceed the face budget.
+# Growth of the allowed error per pass of fast_simplification (the parameter `agg`). The default value of the
+# library is 7. Slower growth preserves the shape better, but the result may exceed the face budget.
 _AGGRESSIVENESS = 5
 
 
@@ -39,7 +39,8 @@ def simplify(points: Floats, faces: Ints, count: int) -> tuple[Floats, Ints]:
         fewer, chosen = fast_simplification.simplify(
             unit, faces.astype(np.int32), target_count=count, agg=_AGGRESSIVENESS
         )
-        # Round to float32, as files do, so that points that become equal are repaired here.
+        # In a file, different coordinates may become equal float32 numbers. Round the coordinates now, so
+        # that such points are repaired here.
         placed = (middle + size * fewer).astype(np.float32).astype(np.float64)
         result = repair(placed, chosen.astype(np.int64))
         if len(result[1]):

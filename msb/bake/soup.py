@@ -1,4 +1,4 @@
-"""A triangle soup that a search changes: its corners, its colours, and which of its faces are selected.
+"""A triangle soup whose corners, colours and face selection are changed by a search.
 
 A triangle soup is a set of triangles that share no vertices.
 """
@@ -37,7 +37,7 @@ def find_color_seams(points: NDArray[Any], faces: NDArray[Any]) -> Seams | None:
 
 
 def merge_seams(mesh: Mesh) -> Mesh:
-    """Merge the doubled vertices of cuts. Return `mesh` itself if it has no cut."""
+    """Merge the vertices that a cut edge stores twice. Return `mesh` itself if it has no cut."""
     seams = find_color_seams(mesh.vertices, mesh.faces)
     if seams is None:
         return mesh
@@ -55,8 +55,8 @@ def is_uncut_soup(points: NDArray[Any], faces: NDArray[Any]) -> bool:
 
     A surface that was cut along all its edges is not a soup.
 
-    Assets store soups with consecutive vertices. Faces that use all vertices one after the other are
-    therefore always a soup. Corners of faces that use all vertices in order may still coincide by chance.
+    Assets store the vertices of a soup one after the other. Faces that use the vertices in this order are a
+    soup, even if some corners coincide.
     """
     if not is_unindexed(faces, len(points)):
         return False
@@ -70,14 +70,14 @@ class Soup:
     Attributes
     ----------
     corners : (F, 3, 3) float32
-        The place of each corner.
+        The position of each corner.
     colors : (F, 3, 3) float32
         RGB of each corner in [0, 1].
     selected : (F,) bool
         The faces that are drawn.
     shared : (F, 3) int64, optional
-        The vertex of each corner, if corners of one vertex have one colour. If `shared` is None, the corners
-        have independent colours.
+        The vertex index of each corner, if all corners at a vertex have the same colour. If `shared` is None,
+        the corners have independent colours.
     """
 
     corners: Singles
@@ -89,7 +89,7 @@ class Soup:
     def from_mesh(cls, mesh: Mesh, *, share_colors: bool) -> Self:
         """Return the faces of `mesh` as a soup, grey if the mesh has no vertex colours.
 
-        With `share_colors`, all corners at one vertex have one colour, unless `mesh` is a soup.
+        With `share_colors`, all corners at a vertex have the same colour, unless `mesh` is a soup.
         """
         corners = np.ascontiguousarray(mesh.vertices[mesh.faces], np.float32)
         colors = np.full(corners.shape, 0.5, np.float32)
@@ -115,7 +115,7 @@ class Soup:
         renderer.update(self.corners, self.colors, self.selected)
 
     def fit_colors(self, sums: FaceSums) -> None:
-        """Set the colours of the selected faces by least squares from the sums over their pixels."""
+        """Fit the colours of the selected faces by least squares, from the sums over their pixels."""
         if self.shared is None:
             self.colors = color_fit.fit_soup_colors(sums, self.colors, self.selected)
             return
@@ -128,7 +128,7 @@ class Soup:
 
     @cached_property
     def _laplacian(self) -> csr_matrix:
-        """The Laplacian of the edges between shared vertices. A search does not change this Laplacian."""
+        """The Laplacian of the edges between shared vertices."""
         assert self.shared is not None
         return color_fit.make_edge_laplacian(self.shared, int(self.shared.max()) + 1)
 
@@ -145,7 +145,7 @@ class Soup:
         return renderer.measure_error()
 
     def apply_to(self, mesh: Mesh) -> Mesh:
-        """Return the original mesh of this soup with these vertex colours and only the selected faces."""
+        """Return the original mesh with the given vertex colours, and only with the selected faces."""
         colors = np.full((len(mesh.vertices), 3), 0.5, np.float32)
         colors[mesh.faces.reshape(-1)] = self.colors.reshape(-1, 3)
         return with_faces(replace(mesh, vertex_colors=colors), self.selected)

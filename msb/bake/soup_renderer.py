@@ -1,8 +1,4 @@
-"""Standard-tier renderers that draw a soup and compare the images with target images on the device.
-
-A soup may change between two renderings. Sums over the pixels of each face determine its best colours and the
-gradient of the error.
-"""
+"""Standard-tier renderers that draw a soup and compare the images with target images on the device."""
 
 from __future__ import annotations
 
@@ -45,7 +41,7 @@ class FaceSums(NamedTuple):
     sums: Singles
     # (F,) the largest number of pixels of each face in a single view.
     max_pixels: NDArray[np.uint32]
-    # (F, 3, 3) the derivative of the squared error with respect to each corner position, per unit of the
+    # (F, 3, 3) the derivatives of the squared error with respect to the corner positions, per unit of the
     # scene.
     gradients: Singles
 
@@ -69,7 +65,8 @@ class SupervisedRenderer(StandardRenderer):
         return camera.width * camera.height
 
     def _draw_view(self, number: int) -> tuple[dict[str, Buffer], Buffer, int]:
-        """Queue a rendering. Return its buffers, the camera's kernel values, and the number of pixels."""
+        """Queue a rendering. Return the renderer's buffers, the camera's kernel values, and the number of
+        pixels."""
         camera = self.images.cameras[number].in_units()
         if number not in self._views:
             self._views[number] = self._device.upload(view_record(camera), "bake views")
@@ -119,8 +116,8 @@ class SoupRenderer(SupervisedRenderer):
     def with_images(self, images: ViewImages) -> SoupRenderer:
         """Return a renderer of the same faces for other images.
 
-        Both renderers share the faces. An update of one renderer changes the other, and closing one renderer
-        closes both.
+        Both renderers share the faces. Updates of one renderer also change the other renderer, and closing
+        one renderer closes both.
         """
         other = copy(self)
         other._set_images(images)
@@ -190,20 +187,20 @@ class SoupRenderer(SupervisedRenderer):
 
     @in_turn
     def measure_changes(self, owner: NDArray[np.int32], proposals: int) -> Floats:
-        """Return the increase of the squared error of each stored view that each proposal causes.
+        """Return the increase of the squared error that each proposal causes in each stored view.
 
-        The argument `owner` (F,) is the proposal number of each face, or -1. A pixel's change is assigned to
-        the proposals of the face before and of the face after the change. If a pixel changes between the
-        faces of two proposals, each proposal gets one half. The result (views, proposals) is in squared
-        differences of colours in [0, 1], summed over channels and pixels.
+        `owner` (F,) is the index of each face's proposal, or -1. A change of a pixel is assigned to two
+        proposals: the proposal of its face before the change, and the proposal of its face after the change.
+        If the two proposals differ, half of the change is assigned to each proposal. The result (views,
+        proposals) is a sum of squared colour differences in [0, 1] over channels and pixels.
         """
         views = len(self._numbers)
         owners = self._scratch("owner", self._count, np.int32)
         owners.write(owner)
         totals = self._scratch("totals", (views, proposals), self._total_type)
         totals.fill(0)
-        # Sums are integers, so that the order of additions has no influence. The unit of the integers is as
-        # small as the range of the integers allows.
+        # Add up integers, so that the order of additions has no influence. The unit of these integers is as
+        # small as possible without an overflow.
         bits = 62 if self._total_type is np.int64 else 30
         largest = 6.0 * float(np.diff(self._starts).max())
         unit = np.float32(2.0 ** min(32, bits - int(np.ceil(np.log2(largest)))))
@@ -229,5 +226,5 @@ class SoupRenderer(SupervisedRenderer):
         return total / count
 
     def pixels_per_face(self, faces: int) -> float:
-        """Return the number of pixels of an average view per face, for this number of `faces`."""
+        """Return the average number of pixels of a view per face, for this number of `faces`."""
         return self.pixels / max(1, len(self.images)) / max(1, faces)

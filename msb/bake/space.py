@@ -16,24 +16,24 @@ if TYPE_CHECKING:
 # A model is a scene if more than this share of the visible points is farther from the focus than the cameras.
 # Otherwise the model counts as an object.
 _SCENE_SHARE = 0.02
-# Radius of the uncontracted part of a scene, in median distances of the cameras from the focus.
+# Radius of the uncontracted part of a scene. The unit is the median distance of the cameras from the focus.
 _NEAR_RADIUS = 0.5
 # An object's box may exclude this percentage of the visible points at each side, because some faces are
 # stray.
 _TRIM_PERCENT = 0.1
-# The focus is the point where the camera axes meet. A linear system of equations determines this point.
-# Camera axes count as parallel if the smallest eigenvalue of the system per camera is below this limit.
+# The focus is the point nearest to all camera axes. This point is the solution of a linear system of
+# equations. Camera axes count as parallel if the system is badly conditioned. The limit applies to the
+# smallest eigenvalue of the system, divided by the number of cameras.
 _MIN_CONDITIONING = 1e-3
-# The focus must be at least this far in front of the cameras. The value is relative to the distance of the
-# visible points. The axes of cameras at one place meet at the cameras, up to rounding.
+# Smallest distance of the focus in front of the cameras. The value is relative to the distance of the
+# visible points. If all cameras are at one place, their axes meet there, and the focus is invalid.
 _MIN_AHEAD = 1e-4
-# If the visible centre is nearer to the cameras than this, the cameras are inside the model. The value is a
-# share of the distance of the visible points.
+# The cameras are inside the model if the visible centre is nearer to the cameras than this distance. The
+# distance is relative to the distance of the visible points.
 _INSIDE_DISTANCE = 0.5
 # Smallest side of an object's box relative to its longest side, so that a flat object still has a volume.
 _MIN_THICKNESS = 1e-3
-# Outer radius of a scene's grid in contracted coordinates. In these coordinates, a radius of 2 is infinitely
-# far away, and 1.96 is 25 near radii away.
+# Outer radius of a scene's grid in contracted coordinates: 1.96 means 25 near radii, and 2 means infinity.
 EDGE = 1.96
 
 
@@ -68,7 +68,7 @@ class Space:
         focus = _find_focus(cameras, _MIN_AHEAD * offset)
         center = np.median(points, axis=0) if focus is None else focus
         distance = float(np.median(np.linalg.norm(at - center, axis=1)))
-        # If the cameras turn in one place, their distances do not indicate the size of the scene.
+        # If all cameras are at one place, their distances do not indicate the size of the scene.
         is_inside = focus is None and distance < _INSIDE_DISTANCE * offset
         distance = offset if is_inside else distance
         if is_inside or (np.linalg.norm(points - center, axis=1) > distance).mean() > _SCENE_SHARE:
@@ -96,7 +96,7 @@ class Space:
         return placed
 
     def clamp(self, points: Floats) -> Floats:
-        """Return the points, with points beyond the edge of a scene moved back to the edge."""
+        """Return the points. Points beyond the edge of a scene are moved back to the edge."""
         if not self.contracted:
             return points
         size = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
@@ -113,7 +113,8 @@ class Space:
         return result
 
     def _stretch(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return two growth factors (n, 1) of lengths in world coordinates, without the factor `radius`.
+        """Return two factors (n, 1) that convert lengths to world coordinates, without the constant factor
+        `radius`.
 
         The first factor applies to lengths perpendicular to the direction to the centre. The second factor
         applies to lengths along this direction.
@@ -131,7 +132,8 @@ def _find_focus(cameras: Sequence[Camera], ahead: float) -> Floats | None:
 
     Return None if the point is less than `ahead` in front of a camera.
     """
-    # Solve by least squares: the matrix sums the projections perpendicular to each camera axis (3, 3).
+    # Solve a least-squares system. The matrix (3, 3) is the sum of the projections perpendicular to each
+    # camera axis.
     at = np.stack([camera.center for camera in cameras])
     axes = np.stack([camera.world_to_camera[2, :3] for camera in cameras])
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]

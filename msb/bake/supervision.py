@@ -23,8 +23,8 @@ from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
 from msb.scenes.datasets import Scene, scene_of
 
-# Photographs supervise if they gain at least this number of dB in the validation views, compared with the
-# photographs. A smaller PSNR gain is not worth the loss of the native rendering.
+# Photographs supervise if the PSNR gain on photographs of the validation views is at least this number of dB.
+# A smaller PSNR gain is not worth the loss of the native rendering.
 _MIN_GAIN = 0.5
 
 
@@ -55,9 +55,9 @@ class Attempt:
 def make_best_attempt(
     inputs: BakeInputs, options: BakeOptions, stack: ExitStack, stopped: Callable[[], bool]
 ) -> tuple[Attempt, dict[str, float], list[str]]:
-    """Return the attempt with the better supervision, the validation PSNRs in dB, and notes.
+    """Return the attempt with the better supervision. Also return the validation PSNRs in dB, and notes.
 
-    The PSNR values are compared with photographs, and are empty unless two supervisions were tried. The exit
+    The PSNR values refer to photographs. The mapping is empty unless two supervisions were tried. The exit
     stack `stack` closes the image sources and the pipelines.
     """
     if inputs.scene is not None and not isinstance(inputs.scene, Scene):

@@ -1,4 +1,4 @@
-"""The texture of a mesh by least squares over the pixels of images.
+"""Fit the texture of a mesh by least squares over the pixels of images.
 
 The equations assume that texels are blended in sRGB and stored without rounding. The standard tier renders
 the current image. The equations give the change of the texels that reduces the remaining error.
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from msb.bake.images import ViewImages
     from msb.cl import Device
 
-# The first pass over the images uses every 6th image, the second pass all images. The second pass corrects
+# The first pass uses every 6th image, and the second pass uses all images. The second pass corrects
 # rounding and blending errors, which the equations ignore.
 FIRST_PASS_STEP = 6
 # Smallest and largest default number of texels along a side. With 256 texels along a side, the demo models
@@ -62,8 +62,8 @@ def fit_texture(
     Parameters
     ----------
     mesh : Mesh
-        Each face of a soup gets a cell of the texture; a connected mesh is cut into charts. The colours of
-        the mesh are the initial texture, which unseen parts keep.
+        Each face of a soup gets a cell of the texture; a connected mesh is cut into charts. The initial
+        texture shows the colours of the mesh. Unseen parts keep these colours.
     images : ViewImages
         A sharp texture needs images with twice the width and height of the final views.
     size : int, optional
@@ -71,8 +71,8 @@ def fit_texture(
     count_cameras : sequence of Camera, optional
         The cameras whose pixels decide how many texels each face gets. Default: the cameras of the images.
     extends_colors : bool
-        Whether unseen faces continue the colours around them, as for faces that were added to close a
-        surface.
+        Whether unseen faces get the colours of the surrounding faces. This option is useful for faces that
+        close a surface.
 
     Raises
     ------
@@ -101,8 +101,8 @@ def fit_texture(
         face_textures=None,
         sampler=_SAMPLER,
     )
-    # Each of the two passes sums the equations over the images, and solves for the change of the texels. The
-    # change is added to the texture and rounded.
+    # Each of two passes adds up the equations over the images, and solves the equations for the change of the
+    # texels. The change is added to the texture and rounded.
     few = select_first_pass(images)
     total = len(few) + len(images)
     for chosen, before in (few, 0), (images, len(few)):
@@ -120,7 +120,7 @@ def fit_texture(
 
 
 def select_first_pass(images: ViewImages) -> ViewImages:
-    """Return the images for the first pass, which also colour the initial texture."""
+    """Return the images of the first pass, which also determine the initial texture."""
     return images.select(range(0, len(images), FIRST_PASS_STEP))
 
 
@@ -154,7 +154,7 @@ def _choose_default_size(pixels: Floats) -> int:
     """Return the default number of texels along a side.
 
     The number of texels along a side is a power of two with about one texel per pixel. The argument `pixels`
-    (F,) has the pixels of each face.
+    (F,) is the number of pixels that show each face.
     """
     side = float(np.sqrt(np.maximum(pixels, 1).sum()))
     least, most = _DEFAULT_SIZES
@@ -164,12 +164,13 @@ def _choose_default_size(pixels: Floats) -> int:
 def _draw_initial_texture(
     mesh: Mesh, colors: NDArray[Any], uvs: Singles, size: int, device: str | Device | None
 ) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
-    """Return the chart (size, size) of each texel, and a texture (size, size, 3) of the corner colours.
+    """Return two arrays: the chart (size, size) of each texel, and a texture (size, size, 3) of the corner
+    colours.
 
     Texels between charts belong to the nearest chart and have its colour.
     """
     # Draw the faces in the plane of the texture, one texture tile after the other. The results are face
-    # numbers (S, S) and colours (S, S).
+    # indices (S, S) and colours (S, S).
     at = np.concatenate([uvs, np.ones((len(uvs), 1), np.float32)], axis=1)
     flat = Mesh(at, np.arange(len(colors)).reshape(-1, 3), colors)
     faces, texture = np.full((size, size), -1, np.int32), np.zeros((size, size, 3), np.uint8)
@@ -194,7 +195,7 @@ def _draw_initial_texture(
         return np.zeros((size, size), np.int32), texture
     from scipy import ndimage  # Importing SciPy takes longer than fitting vertex colours.
 
-    # Texels between charts take the chart and the colour of the nearest drawn texel.
+    # A texel between charts gets the chart and the colour of the nearest drawn texel.
     row, column = ndimage.distance_transform_edt(faces < 0, return_distances=False, return_indices=True)
     return label_charts(mesh, uvs)[faces[row, column]], texture[row, column]
 

@@ -1,9 +1,9 @@
 """The normal equations of a texture and its mip levels are stored as stencils and solved on the device.
 
 A pixel on one mip level shows four neighbouring texels. A pixel between two levels shows four texels of each
-level. A texel is therefore only coupled to its eight neighbours in the same level. A texel of a smaller mip
-level is the average of four texels of the next larger level. The memory therefore grows with the number of
-texels, not with the number of pixels.
+level. A texel is therefore only coupled to eight neighbours in its level. A texel of a smaller mip level is
+the average of four texels of the next larger level. The memory is therefore proportional to the number of
+texels, not pixels.
 """
 
 from __future__ import annotations
@@ -21,19 +21,18 @@ if TYPE_CHECKING:
 
     from msb.cl import Buffer, Device
 
-# Weight of the squared difference between the changes of two neighbouring texels, relative to a pixel. A
-# weight of this size spreads changes to texels without pixels, and has little influence on texels with
-# pixels.
+# Weight of the squared difference between the changes of two neighbouring texels. A pixel has the weight 1. A
+# weight of this size has little influence on texels with pixels. Changes spread to texels without pixels.
 SMOOTHNESS = 0.5
 # Number of conjugate-gradient steps. Few steps suffice, because the initial texture is near the solution.
 # Each conjugate-gradient step needs a pass over all texels.
 STEPS = 15
-# A channel is solved if its squared residual is at most this value.
+# A channel is solved if its squared residual is not larger than this value.
 _ZERO = 1e-12
 # Work-items of a work-group.
 _GROUP = 64
-# Number of texels that one work-item adds up, and number of such work-items in a work-group. Sums are
-# reproducible, because a work-item adds up the same texels on every device.
+# A work-item adds up this number of texels. The second value is the number of such work-items in a
+# work-group. Sums are reproducible, because a work-item adds up the same texels on every device.
 _RUN, _RUN_GROUP = 64, 8
 
 
@@ -42,12 +41,12 @@ class TextureEquations(OnDevice):
 
     The field `stencils` (texels, 8) has a row for each texel, level by level. The first five values of a
     stencil are sums of products of two weights. The first weight belongs to the texel itself. The second
-    weight belongs to the texel itself or to its neighbour to the right, below, below right or below left. The
-    last three values of a stencil are the right sides of red, green and blue. `msb.bake.texture_renderer`
-    computes the sums of the stencils.
+    weight belongs to the same texel or to a neighbour: right, below, below right, or below left. The last
+    three values of a stencil are the right sides of red, green and blue. `msb.bake.texture_renderer` computes
+    the sums of the stencils.
 
     The field `sides` has the number of texels along a side for each mip level. The field `starts` has the
-    number of the first texel of each mip level, then the number of all texels.
+    index of the first texel of each mip level, and the total number of texels at the end.
     """
 
     def __init__(self, size: int, device: str | Device | None = None) -> None:
@@ -70,7 +69,8 @@ class TextureEquations(OnDevice):
 
     @in_turn
     def add_smoothness(self, chart: NDArray[np.int32]) -> None:
-        """Couple the changes of neighbouring texels that have the same number in `chart` (size, size)."""
+        """Couple the changes of neighbouring texels in the same chart. `chart` (size, size) is the chart of
+        each texel."""
         charts = self._device.upload(chart, "bake charts")
         settings = np.float32(SMOOTHNESS), np.int32(self.size)
         self._kernels.tie(chart.size, _GROUP, charts, *settings, self.stencils, np.uint32(chart.size))
@@ -88,7 +88,8 @@ class TextureEquations(OnDevice):
         count, runs = np.uint32(texels), -(-texels // _RUN)
         direction, sums = self._allocate((self.starts[-1], 4)), self._allocate((self.starts[-1], 3))
         change, partial = self._allocate((self.size, self.size, 3)), self._allocate((runs, 4))
-        # Restrict the right sides and the diagonal from the smaller levels to the texture itself.
+        # Restrict the right sides and the diagonal of the matrix from the smaller levels to the texture
+        # itself.
         for many, place in reversed(levels):
             kernels.spread(many, _GROUP, self.stencils, *place, direction, np.uint32(many))
         kernels.begin(runs, _RUN_GROUP, self.stencils, direction, change, partial, count)
@@ -117,20 +118,22 @@ class TextureEquations(OnDevice):
         return result
 
     def _describe_levels(self) -> list[tuple[int, tuple[np.uint32, np.uint32, np.int32]]]:
-        """For each level, return the number of texels, and (first texel, next first texel or 0, side)."""
+        """For each level, return the number of texels. Also return the first texel, the first texel of the
+        next level (or 0), and the side."""
         starts = [*map(np.uint32, self.starts[:-1]), np.uint32(0)]
         sides = self.sides.tolist()
         return [(n * n, (starts[k], starts[k + 1], np.int32(n))) for k, n in enumerate(sides)]
 
 
 def _sum_partial(partial: Buffer) -> Floats:
-    """Return the sums (3,) of red, green and blue over all partial sums."""
+    """Return the sums (3,) of red, green and blue from all partial sums."""
     total: Floats = partial.read()[:, :3].sum(axis=0, dtype=np.float64)
     return total
 
 
 def _divide(above: Floats, below: Floats) -> Floats:
-    """Return the quotients (3,) of two values per channel. Solved channels have 0."""
+    """Return the quotients (3,) of two values per channel. The quotient is 0 for a channel that is already
+    solved."""
     return np.divide(above, below, out=np.zeros(3), where=(above > _ZERO) & (below > 0))
 
 

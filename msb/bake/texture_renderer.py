@@ -13,9 +13,9 @@ from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.render.device_scope import in_turn
 
-# Work-items of a work-group: for pixels, and for the much smaller number of texel rows.
+# Number of work-items in a work-group for pixels, and for rows of texels, which are fewer.
 _GROUP, _ROW_GROUP = 64, 8
-# Number of floats per face in bake_texture.cl. These values store the linear forms of the face's texture
+# Number of floats per face in bake_texture.cl. These values are the coefficients of the face's texture
 # coordinates, and the bounds.
 _FACE_FLOATS = 16
 
@@ -51,7 +51,7 @@ class TextureRenderer(SupervisedRenderer):
     ) -> None:
         """Queue the sums over one view.
 
-        The argument `shape` is (first texels of the levels, size, number of levels).
+        The argument `shape` is a tuple: the first texels of the levels, the size, and the number of levels.
         """
         planes, view, count = self._draw_view(number)
         texels = np.uint32(equations.starts[-1])
@@ -67,8 +67,8 @@ class TextureRenderer(SupervisedRenderer):
         self._kernels.faces(faces, _GROUP, *self._faces, view, shape[1], forms, np.uint32(faces))
         pixels = *drawn, *shape, width, texels, keys, *samples, np.uint32(count)
         self._kernels.samples(count, _GROUP, *self._faces, view, forms, *pixels)
-        # Sort the samples by texel, and add them up row by row. Add all even rows first, then all odd rows,
-        # because two even rows have no texel in common.
+        # Sort the samples by texel, and add them up row by row. Rows that run in parallel must not change the
+        # same texels. Neighbouring rows share texels, so add the even rows first, then the odd rows.
         ordered = sort_pairs(self._device, keys, bits=int(texels).bit_length(), name="bake texels")
         weight = np.float32(self.images.weights[number])
         rows = -(-int(equations.sides.sum()) // 2)

@@ -19,8 +19,8 @@ from msb.meshes.mesh import Mesh
 def fit_vertex_colors(mesh: Mesh, images: ViewImages, device: str | Device | None) -> Mesh:
     """Return `mesh` with the vertex colours that fit the images best. Unseen vertices keep their colours.
 
-    Two copies of a vertex at a cut edge may have the same colour. The fitted colours of both copies must then
-    be equal.
+    A cut edge stores a vertex twice, as two copies. If two copies have the same colour, their fitted colours
+    must be equal as well.
     """
     soup = Soup.from_mesh(mesh, share_colors=True)
     if soup.shared is not None and mesh.vertex_colors is not None:
@@ -31,11 +31,11 @@ def fit_vertex_colors(mesh: Mesh, images: ViewImages, device: str | Device | Non
 
 
 def _merge_equal_colors(mesh: Mesh, colors: NDArray[Any]) -> Ints:
-    """Return, for each vertex (V,), its first copy at a cut edge that has the same colour."""
+    """For each vertex (V,), return the index of its first copy with the same colour."""
     first = np.arange(len(mesh.vertices))
     seams = find_color_seams(mesh.vertices, mesh.faces)
     if seams is not None:
-        # Row numbers of the vertices that have copies at a cut edge. Copies with the same colour form a
+        # Row indices of the vertices that have copies at a cut edge. Copies with the same colour form a
         # group.
         rows = np.flatnonzero(np.bincount(seams.number)[seams.number] > 1)
         kinds = np.column_stack([seams.number[rows], colors[rows]])

@@ -1,9 +1,9 @@
-"""Gradient descent on the vertices of a closed surface, which prevents crossing faces.
+"""Move the vertices of a closed surface by gradient descent, and prevent crossing faces.
 
 The gradients of the error (`msb.bake.soup_renderer`) are added up at shared vertices. The gradients are then
 smoothed over the surface, so that a step bends the surface instead of folding it (Nicolet et al. 2021). Steps
-are taken in the contracted coordinates of the surface, where faces have similar sizes. Every few steps,
-vertices of crossing faces move back to places where these faces did not cross.
+are taken in the contracted coordinates of the surface, where faces have similar sizes. Every few steps, the
+vertices of crossing faces are moved back to places without crossings.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ SMOOTHING = 0.5
 # Number of descent steps without a time limit. With this number of steps, a surface of a demo model takes
 # about 45 s on two cores.
 STEPS = 200
-# Average move of a vertex per step, in edge lengths, at the start and at the end.
+# Average move of a vertex per step in edge lengths. The two values are for the first and the last step.
 STEP_LENGTHS = 0.12, 0.01
-# Largest move of a vertex per step, in step lengths. Some gradients of the error are much larger than the
-# average.
+# Largest move of a vertex per step, relative to the average move. Some gradients of the error are much larger
+# than the average.
 _MAX_MOVE = 4.0
-# Share by which vertices follow the filtered normals after each step, and number of filter rounds. Without
-# fairing, the search brings dents back. A larger share of fairing loses detail.
+# Share by which vertices follow the filtered normals after each step. The second value is the number of
+# filter rounds. Without fairing, the search brings dents back. A larger share of fairing loses detail.
 FAIR_SHARE, _FAIR_ROUNDS = 0.1, 2
 
 
@@ -52,8 +52,8 @@ def move_vertices(
 ) -> None:
     """Move the vertices of `soup` to reduce the error.
 
-    The argument `points` (V, 3) has their places in `space`. The moves do not cause further crossing faces.
-    The object `best` evaluates the state of the soup every few steps.
+    The argument `points` (V, 3) contains the vertices in the coordinates of `space`. The moves cause no
+    further crossing faces. The object `best` evaluates the state of the soup every few steps.
     """
     from scipy.sparse import identity
     from scipy.sparse.linalg import splu
@@ -61,7 +61,7 @@ def move_vertices(
     assert soup.shared is not None
     faces, count = soup.shared, len(points)
     # `smooth` solves the system (I + SMOOTHING * Laplacian) x = b. The descent changes `variables`, the right
-    # side b of a linear system. The points are its solution x.
+    # side b of this system. The solution x gives the points.
     bending = identity(count, format="csr") + SMOOTHING * color_fit.make_edge_laplacian(faces, count)
     smooth = splu(bending.tocsc()).solve
     good, variables = points, bending @ points
@@ -71,7 +71,8 @@ def move_vertices(
     step, share = 0, 0.0
     while share < 1:
         step += 1
-        # Gradients (V, 3) of the error in the views of this step, with respect to the smoothed variables.
+        # Compute the gradients (V, 3) of the error in the views of this step, with respect to the smoothed
+        # variables.
         seen = renderer.sum_faces(sample_views(renderer, random))
         gradients = _sum_at_vertices(seen.gradients.astype(np.float64), faces, count)
         gradients = smooth(space.pull_back(points, gradients))
@@ -102,14 +103,15 @@ def move_vertices(
 
 
 def _fair(points: Floats, faces: Ints, neighbours: Neighbours, space: Space) -> Floats:
-    """Return the points (V, 3) of `space` after a small step of fairing in world coordinates."""
+    """Make a small step of fairing in world coordinates. Return the points (V, 3) in the coordinates of
+    `space`."""
     world = space.to_world(points)
     normals = filter_normals(world, faces, neighbours, _FAIR_ROUNDS)
     return space.clamp(space.from_world(follow_normals(world, faces, normals, FAIR_SHARE)))
 
 
 def _sum_at_vertices(values: Floats, faces: Ints, count: int) -> Floats:
-    """Add up values at corners (F, 3, 3) to sums (V, 3) at vertices."""
+    """Add up the values at the corners (F, 3, 3) of each vertex. Return sums (V, 3)."""
     corners = faces.reshape(-1)
     sums = [np.bincount(corners, values[:, :, axis].reshape(-1), minlength=count) for axis in range(3)]
     return np.stack(sums, axis=1)

@@ -27,19 +27,19 @@ from msb.scenes.sets import split_every_8th
 from msb.scenes.walk import fill_gaps
 from msb.views import ChosenViews, check_given_views, find_training_views, generate_views
 
-# Each pair gives a ring of generated views: degrees above the horizon, and number of views. The rings have 40
-# views in all.
+# Each pair describes a ring of generated views: the angle above the horizon in degrees, and the number of
+# views. The rings have 40 views in all.
 RINGS = ((15.0, 18), (40.0, 14), (65.0, 8))
 # Rings of views from below the horizon. Views from below are only generated for mesh files. Training cameras
 # rarely look up from below, so the underside of a trained model is arbitrary.
 RING_BELOW = (-35.0, 12)
-# Rings of generated views for Gaussians, 48 views in all. The lowest cameras look up a little, because object
-# captures also contain such views. The model fills each of these generated views.
+# Rings of generated views for Gaussians, 48 views in all. One ring is below the horizon, because captures of
+# objects also contain such views. The model fills each of these generated views.
 SPLAT_RINGS = ((5.0, 16), (25.0, 14), (50.0, 10), (-12.0, 8))
 _SPLAT_PIXELS = 384 * 768
 # Background colours of generated views, for Gaussians without a recorded background.
 _GREYS: tuple[Color, Color] = ((0.3, 0.3, 0.3), (0.7, 0.7, 0.7))
-# Width and height of generated views in pixels. Small captures have about this image size.
+# Width and height of generated views in pixels.
 _GENERATED_SIZE = 480, 360
 # Number of pixels of the largest view. Larger views are scaled down to limit the time of a bake.
 MAX_PIXELS = 1 << 20
@@ -48,8 +48,8 @@ _MIN_VIEWS_TO_SPLIT = 3
 # If there are fewer views than this, interpolated views are added. With few views, optimised triangles cause
 # artefacts of up to 6 dB in other views.
 _ENOUGH_VIEWS = 40
-# Largest number of interpolated views per training view after the first training view. Only few useful views
-# can be interpolated between few views.
+# Largest number of interpolated views per training view. The first training view is not counted. Between few
+# views, only a few interpolated views are useful.
 _MAX_INTERPOLATED = 8
 
 
@@ -64,10 +64,9 @@ class BakeViews:
         between results. Test views are held out for the final measurement. A single view is a training view.
         With fewer than three training views, there is no validation view.
     interpolated : tuple of Camera
-        Additional training views between the other views, if there are few views.
+        Additional training views between the other views. Views are only added if there are few views.
     origin : {"scene", "given", "training", "turntable", "inside", "both"}
-        Where the views come from. "training": cameras found in the folder of the model. The last three
-        origins are generated views.
+        Where the views come from. "training": cameras found in the folder of the model.
     description : str
         The origin in words.
     background : (float, float, float)
@@ -81,7 +80,7 @@ class BakeViews:
     is_generated : bool
         Whether the views are generated.
     why_not_judged : str, optional
-        The reason if no quality is measured, because the model covers too few pixels.
+        The reason why quality was not measured: the model covers too few pixels.
     """
 
     training: tuple[Camera, ...]
@@ -98,7 +97,7 @@ class BakeViews:
     backgrounds: dict[str, Color] = field(default_factory=dict)
 
     def background_of(self, camera: Camera) -> Color:
-        """Return the background colour in the view of a camera, which may be scaled."""
+        """Return the background colour of a view. The camera of the view may be scaled."""
         return self.backgrounds.get(str(camera.name), self.background)
 
     def relative_to(self, origin: Origin) -> BakeViews:
@@ -134,10 +133,10 @@ def choose_bake_views(
     Parameters
     ----------
     scene : Scene or path-like, optional
-        Its training views supervise, its test views are held out.
+        The training views of the scene supervise. The test views are held out.
     cameras : iterable of Camera, optional
-        Every 8th camera is held out. Every 8th training camera beside the model, or generated view, is held
-        out as well.
+        Every 8th camera is held out. If the views are training cameras or generated views, every 8th view is
+        held out as well.
     up : str, optional
         The up axis of generated views, such as "+z". Default: the up axis of the asset.
     background : (3,) floats, or str, optional

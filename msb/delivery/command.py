@@ -94,7 +94,7 @@ def convert(
     the data that OUT cannot store, and the ignored data of IN (normals, lights, bones).
 
     An asset is converted to its standard-tier mesh: opaque and unlit, with textures or static colours. With
-    --official the method's official exporter writes the file. Files of an official exporter may have alpha,
+    --official, the method's official exporter writes the file. Files of an official exporter may have alpha,
     duplicated faces or merged vertices.
     """
     if options.official:
@@ -151,7 +151,7 @@ def convert(
 def _choose_outputs(source: Path, inputs: list[Path], target: Path, to: str) -> dict[Path, Path]:
     """Return the output path for each input path.
 
-    The folder layout of the outputs in `target` is the layout of the inputs in `source`.
+    The outputs in `target` have the folder layout of the inputs in `source`.
     """
     from msb.asset import is_asset
     from msb.delivery.saving import output_suffix
@@ -176,7 +176,7 @@ def _choose_outputs(source: Path, inputs: list[Path], target: Path, to: str) -> 
 
 
 def _convert(conversion: Conversion, source: Path, target: Path, output: Output) -> None:
-    """Convert one input; print the contents of the output, and notes about missing data."""
+    """Convert one input. Then print the contents of the output, and notes about missing data."""
     done = conversion.run(source, target)
     if not output.quiet:
         echo(f"{target}: {', '.join(done.contents)}")

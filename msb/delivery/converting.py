@@ -1,4 +1,5 @@
-"""The function `msb.convert`, which converts one model; `msb convert` calls the same code per input."""
+"""The function `msb.convert`, which converts a single model. The command `msb convert` calls the same code
+for each input."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -82,9 +83,9 @@ def convert(
     engine: Engine | None = None,
     official: bool = False,
 ) -> Converted:
-    """Convert a model or mesh. The suffix of `target` sets the format, as in `msb convert`.
+    """Convert a model or mesh. The suffix of `target` sets the format, as in the command `msb convert`.
 
-    Vertices and faces, their order and colours are kept as far as the format allows. A mesh file keeps the
+    Vertices and faces keep their order and colours as far as the format allows. A mesh file keeps the
     precision of its coordinates, unless the format of the output has only float32. If an error occurs, no
     file is written.
 
@@ -99,15 +100,15 @@ def convert(
     form : {"packed", "folder"}, optional
         The form of a `.triasset`. Default: packed.
     up : str, optional
-        The direction that points up in `source`: an axis such as "-y", or "X,Y,Z". A mesh file is rotated so
-        that +y points up; a `.triasset` records the direction instead. Default: no rotation; for `.glb` and
-        USD the up axis of `source`, if known.
+        The direction that points up in `source`, an axis such as "-y" or "X,Y,Z". A mesh file is rotated so
+        that +y points up. A `.triasset` records the direction instead. The default is no rotation. For `.glb`
+        and USD, the default is the up axis of `source`, if known.
     scale : float, optional
         The length of the unit of `source` in metres. With `scale`, mesh files are written in metres.
     known_distance : (str, str, str), optional
         In place of `scale`: two points "X,Y,Z" of `source` and their distance, such as "1.2m".
     floor : bool
-        Put the lowest point at height 0; far outliers are ignored.
+        Put the lowest point at height 0. Far outliers are ignored.
     color, texture, engine : str, optional
         As in `msb.save`.
     official : bool
@@ -180,9 +181,9 @@ class Conversion:
     official: bool = False
     overwrite: bool = False
     stage: Stage = _silent
-    # Check whether a file beside the mesh, such as a texture, may be written.
+    # A function that checks whether a file beside the mesh, such as a texture, may be written.
     check_free: Callable[[Path], None] = lambda path: None
-    # Receives each warning about the input immediately.
+    # A function that is called immediately with each warning about the input.
     note: Callable[[str], None] = lambda text: None
 
     def check_target(self, target: Path) -> None:
@@ -206,7 +207,7 @@ class Conversion:
             output_suffix(target, "OUT")
 
     def run(self, source: Path, target: Path) -> Converted:
-        """Convert one input; `check_target` has checked the output path before."""
+        """Convert one input. The function `check_target` must have checked the output path."""
         if self.official:
             return self._write_official(source, target)
         if target.suffix.lower() == ASSET_SUFFIX:

@@ -14,21 +14,23 @@ PointsAndFaces = tuple[Floats, Ints]
 
 # Largest number of corners of the hull of a patch. Physics engines accept hulls of some dozens of corners.
 PATCH_CORNERS = 32
-# Thickness of a box or of the hull of a flat patch, relative to the diagonal. The thin shape is still a
-# solid.
+# Thickness of a box or of the hull of a flat patch, relative to the diagonal. With this thickness, the thin
+# shape is still a solid.
 _MIN_THICKNESS = 1e-3
-# A hull is flat, and is thickened, if its volume is below this share of the cube of the diagonal.
+# A hull counts as flat if its volume, divided by the cube of the diagonal, is below this limit. Flat hulls
+# are thickened.
 _FLAT_VOLUME = 1e-6
 # Two neighbouring patches overlap by this distance at their cut, relative to the diagonal, so that no gap
 # remains.
 _OVERLAP = 4e-3
-# Cuts are tried at these quantiles of a patch's points along each principal axis.
+# A cut is a plane across a principal axis of a patch. Cuts are tried at these quantiles of the points along
+# the axis.
 _CUT_QUANTILES = (0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)
 # Number of sample points on the faces. Sample points are used in addition to the vertices, because large
 # faces have few vertices.
 _SAMPLE_POINTS = 5000
-# The search for the smallest box tries this number of the largest hull faces. The smallest box usually lies
-# on a large face.
+# Only this number of the largest hull faces is tried in the search for the smallest box. The smallest box
+# usually has a side on a large hull face.
 _MAX_BASES = 500
 _TINY = np.finfo(np.float64).tiny
 # The corners (8, 3) of a unit box, and its faces (12, 3).
@@ -120,7 +122,7 @@ def make_hull(points: Floats) -> PointsAndFaces:
     """Return a convex hull of at most `PATCH_CORNERS` of the points. A flat hull is thickened."""
     from scipy.spatial import ConvexHull
 
-    # Extreme points in evenly spread directions, in coordinates scaled by the principal axes.
+    # Select extreme points in evenly spread directions. The coordinates are scaled by the principal axes.
     axes = _find_principal_axes(points)
     along = (points - points.mean(axis=0)) @ axes.T
     along /= np.maximum(np.abs(along).max(axis=0), _TINY)
@@ -146,7 +148,8 @@ def fit_box(points: Floats) -> PointsAndFaces:
     bases, corners = _make_hull_frames(points)
     axes = _find_principal_axes(points)
     axes[2] *= np.sign(np.linalg.det(axes))  # A mirrored frame would turn the faces inwards.
-    # Extents (n, 3) of the corners along each frame (n, 3, 3), and the frame with the smallest volume.
+    # Measure the extents (n, 3) of the corners along each frame (n, 3, 3). Choose the frame with the smallest
+    # volume.
     frames = np.concatenate([[np.eye(3), axes], bases])
     along = np.einsum("nij,pj->npi", frames, corners)
     low, high = along.min(axis=1), along.max(axis=1)
@@ -163,7 +166,7 @@ def _make_hull_frames(points: Floats) -> tuple[Floats, Floats]:
     for options in (
         "Qt",
         "QJ",
-    ):  # QJ moves points at random, so that points in a plane have a hull.
+    ):  # Qhull's option QJ moves points at random, so that points in a plane have a hull.
         try:
             hull = ConvexHull(points, qhull_options=options)
         except QhullError:

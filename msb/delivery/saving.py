@@ -37,8 +37,8 @@ def save(
     asset : Asset
     path : path-like
         `.triasset` stores the asset unchanged. `.glb`, `.ply` and other mesh formats store the opaque
-        standard-tier mesh of the asset, like `msb convert`. The mesh has static colours (except in STL), and
-        textures in `.glb` and `.obj`. An `.obj` file is written with an `.mtl` file and images. If the up
+        standard-tier mesh of the asset. The file has the static colours of the mesh (except in STL). A `.glb`
+        or `.obj` also contains textures. An `.obj` file is written with an `.mtl` file and images. If the up
         axis of the asset is known, a `.glb` is rotated so that +y points up, as glTF specifies.
     overwrite : bool
         Replace an existing file. Devices and pipes are always accepted.
@@ -50,10 +50,10 @@ def save(
     texture : {"png", "jpeg", "webp"}, optional
         The image format of textures in `.glb` and `.obj`. Default: PNG, which is lossless.
     engine : {"unreal", "unity", "godot", "blender", "three", "web"}, optional
-        Write a `.glb` that this program opens correctly without import settings. For "web" the file is the
-        smallest compressed file that keeps a PSNR of 50 dB in images of the asset, with WebP textures and
-        reordered faces; this needs the extra `compressed`. For all other programs the file is the same as
-        without this option. `engine` cannot be combined with `color` or `texture`.
+        Write a `.glb` that this program opens correctly without import settings. For "web", the file is the
+        smallest compressed file with a PSNR of at least 50 dB in images of the asset. Textures are stored as
+        WebP, and faces are reordered. This option needs the extra `compressed`. For other programs, the file
+        is the same as without this option. `engine` cannot be combined with `color` or `texture`.
     progress : callable, optional
         Called as ``progress("writing", done, total)``, in bytes, while a `.triasset` is written.
 
@@ -103,8 +103,8 @@ def choose_style(
 ) -> tuple[Style, str | None]:
     """Return the output style for writing `mesh` to `target`.
 
-    The second return value describes the measured image quality (web only). `mesh` is the mesh of `asset`, or
-    the mesh of a mesh file. The options are the same as in `save`.
+    Also return a text about the measured image quality (web only). `mesh` is the mesh of `asset`, or the mesh
+    of a mesh file. The options are the same as in `save`.
 
     Raises
     ------
@@ -152,7 +152,7 @@ _OTHER_MODELS = (".gltf", ".fbx", ".usd", ".usda", ".usdc", ".usdz", ".dae", ".b
 def output_suffix(path: Path, name: str = "the output") -> str:
     """Return the suffix of `path` in lower case if the format can be written, else raise USAGE.
 
-    Error messages use `name` for the path. If the suffix is not the format of a model, the message names the
+    Error messages call the path `name`. If no model can be written in the format, the message names the
     command that writes such files.
     """
     suffix, known = path.suffix.lower(), (ASSET_SUFFIX, *list_written_suffixes())

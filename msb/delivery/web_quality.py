@@ -2,14 +2,14 @@
 
 A GLB for the web stores quantised positions, quantised colours and compressed textures. Quantised positions,
 quantised colours and compressed textures each add an error to the images of the mesh. The mean squared errors
-of independent steps add up approximately. Therefore the search measures each compression step separately, and
-divides the error that a PSNR of 50 dB allows:
+of independent steps add up approximately. The search therefore measures each compression step separately. A
+PSNR of 50 dB allows a certain error, which is divided between the steps:
 
 1. Measure the error of the compressed textures.
 
 2. For each precision of the colours, measure the error of the colours. Subtract the errors of textures and
-colours from the allowed error. By bisection, find the smallest number of position bits with at most the
-remaining error.
+colours from the allowed error. By bisection, find the smallest number of position bits within the remaining
+error.
 
 3. Use the combination with the smallest file. Finally adjust the number of position bits until the whole file
 has at least 50 dB.
@@ -34,14 +34,14 @@ from msb.scenes import Camera
 # Minimum PSNR in dB between images of a web file and of the original mesh. Image differences are invisible
 # above about 40 dB.
 MIN_PSNR = 50.0
-# Samples per pixel along each axis of the compared images. With fewer samples per pixel, edges would dominate
-# the error.
+# Samples per pixel along each axis of the compared images. With fewer samples, edges would dominate the
+# error.
 _SAMPLES = 4
 # Search range for the precision of positions, in quarters of a bit: 10 to 22 bits.
 _COARSEST, _FINEST = 40, 88
-# Precisions of vertex colours (stored as linear light), from coarse to fine. With None, each channel is
-# stored in one byte. A number is the largest allowed error of one byte, in levels of 8-bit sRGB. With a
-# larger error, a channel is stored in two bytes.
+# Precisions of vertex colours (stored as linear light), from coarse to fine. With the value None, each
+# channel is stored in one byte. A value is the largest allowed error of a byte, in levels of 8-bit sRGB. If
+# the error of a byte is larger, the channel is stored in two bytes.
 _LEVELS = (None, 4.0, 2.0, 1.0, 0.5)
 
 
@@ -76,7 +76,7 @@ class ImageLoss:
         """Return the PSNR in dB of `other`, in images with `samples` samples per pixel along each axis."""
         from msb.views import psnr_over_views
 
-        if samples not in self._images:  # the cached images are compared with many meshes in a search
+        if samples not in self._images:  # cached, because a search compares these images with many meshes
             self._images[samples] = self._draw(self.mesh, samples)
         return psnr_over_views(self._images[samples], self._draw(other, samples))
 
@@ -86,7 +86,8 @@ class ImageLoss:
         return render_standard(mesh, self.cameras, supersample=samples)
 
     def describe(self, other: Mesh) -> str:
-        """Return the PSNR of `other` as text for the end of a sentence; "" if it cannot be measured."""
+        """Return a text about the PSNR of `other` for the end of a sentence. The text is empty if the PSNR
+        cannot be measured."""
         if self.why_not is not None:
             return ""
         try:
@@ -98,7 +99,8 @@ class ImageLoss:
 def web_style(images: ImageLoss) -> tuple[Style, str]:
     """Return the coarsest web style that keeps 50 dB, and a text about the measured quality.
 
-    Without an OpenCL device, or if the mesh covers too few pixels, return the finest style.
+    If images cannot be compared, return the finest style. Images cannot be compared without an OpenCL device,
+    or if the mesh covers too few pixels.
     """
     if images.why_not is not None:
         return _style(Web(_FINEST, _LEVELS[-1])), f"quality not measured ({images.why_not})"
@@ -109,7 +111,7 @@ def web_style(images: ImageLoss) -> tuple[Style, str]:
 
 
 def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
-    """Search for the style. The docstring of this module describes the search."""
+    """Search for the style as described at the head of this module."""
     from msb.meshes.glb_web import Grid, convert_to_srgb, quantize_light
 
     mesh = as_glb(images.mesh)
@@ -121,8 +123,7 @@ def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
         return _squared_error(images.loss(replace(mesh, vertices=grid.positions)))
 
     def fewest_bits(room: float, *, by_distance: bool) -> int:
-        """Return the lowest precision of positions with an error of at most `room`. The unit is a quarter of
-        a bit."""
+        """Return the lowest precision of positions with an error of at most `room`. The unit is 1/4 bit."""
         low, high = _COARSEST, _FINEST
         while low < high:
             middle = (low + high) // 2
@@ -132,8 +133,7 @@ def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
                 low = middle + 1
         return low
 
-    # Measure the error of the textures. The finest positions and colours add almost nothing to the texture
-    # error.
+    # Measure the error of the textures. Use the finest positions and colours, which add almost no error.
     texture_error = 0.0
     if mesh.textures:
         finest = _style(Web(_FINEST, _LEVELS[-1]))
@@ -158,7 +158,7 @@ def _find_coarsest(images: ImageLoss) -> tuple[Style, str]:
     def whole_loss(quarters: int) -> float:
         return images.loss(encode_and_read(mesh, _style(replace(web, quarters=quarters))))
 
-    # Adjust the precision of the positions, because errors of separate steps add up only approximately.
+    # Errors of separate steps add up only approximately, so adjust the precision of the positions at the end.
     quarters = web.quarters
     while quarters > _COARSEST and whole_loss(quarters - 1) >= MIN_PSNR:
         quarters -= 1

@@ -2,7 +2,7 @@
 
 Each mesh format has a separate module and one line in `files`.
 
-The page docs/meshes.md lists the data that each reader and writer keeps, and the libraries that were
+The page docs/meshes.md lists the data that each reader and writer keeps, and the libraries that we
 considered.
 """
 

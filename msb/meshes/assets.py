@@ -27,7 +27,8 @@ from msb.meshes.writing import as_float32, as_local, check_indices, check_writab
 
 
 class MeshBuffers(NamedTuple):
-    """The asset buffers of a mesh, their domains, the appearance for the manifest, and the origin."""
+    """The asset buffers of a mesh, the domains of the buffers, the appearance for the manifest, and the
+    origin."""
 
     buffers: dict[str, NDArray[Any]]
     domains: dict[str, Domain]
@@ -90,10 +91,7 @@ def make_mesh_buffers(mesh: Mesh, origin: Origin | None = None) -> MeshBuffers:
 def _needs_keys(
     positions: NDArray[np.float32], buffers: dict[str, NDArray[Any]], domains: dict[str, Domain]
 ) -> bool:
-    """Return whether two vertices have equal positions and attributes.
-
-    Otherwise, seam keys have no effect.
-    """
+    """Return whether two vertices have equal positions and attributes."""
     stored = [buffers[name] for name, domain in domains.items() if domain == "vertex"]
     rows = hash_attributes([positions, *stored])
     return len(np.unique(rows)) < len(rows)
@@ -168,7 +166,7 @@ def align_baked(baked: Asset, asset: Asset) -> Asset:
 
 
 def with_vertex_colors(mesh: Mesh) -> Mesh:
-    """Return `mesh` with vertex colours instead of face colours, for formats without face colours.
+    """Return `mesh` with vertex colours instead of face colours. Some formats have no face colours.
 
     A vertex is split if its faces have different colours.
     """
@@ -179,8 +177,6 @@ def with_vertex_colors(mesh: Mesh) -> Mesh:
 
 def fit_to_format(mesh: Mesh, suffix: str, *, is_upright: bool = False) -> Mesh:
     """Return `mesh` reduced to the data that files of `suffix` can store.
-
-    An audit of the written file examines this mesh.
 
     Colours and UVs are moved to the elements for which the format stores them, usually vertices. Textures
     become vertex colours if the format has no textures. The mesh is in metres if its unit is known. A mesh
@@ -210,7 +206,8 @@ def fit_to_format(mesh: Mesh, suffix: str, *, is_upright: bool = False) -> Mesh:
 
 
 def with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
-    """Return `mesh` with only the faces in the mask `keep` (F,) and their vertices, in the same order."""
+    """Return `mesh` with the faces in the mask `keep` (F,) and the vertices of these faces, in the same
+    order."""
     faces = mesh.faces[keep]
     used = np.zeros(len(mesh.vertices), bool)
     used[faces] = True
@@ -241,14 +238,14 @@ def with_corner_colors(mesh: Mesh, colors: NDArray[Any]) -> Mesh:
     A vertex is split if its corners have different colours. Vertices keep their order. Unused vertices are
     removed.
     """
-    # Sort the 3F corners by vertex and by the bits of their colour. A new vertex begins at every sorted
-    # corner that differs from the previous corner.
+    # Sort the 3F corners by vertex and by the bits of their colour. A new vertex begins at each sorted corner
+    # that is not equal to the previous corner.
     corners = mesh.faces.reshape(-1)
     keys = (*np.ascontiguousarray(colors).view(np.uint8 if colors.itemsize == 1 else np.uint32).T, corners)
     order = np.lexsort(keys)
     differs = np.ones(len(order), bool)
     differs[1:] = np.logical_or.reduce([key[order[1:]] != key[order[:-1]] for key in keys])
-    # Compute the new vertex of each corner, `number` (3F,), and one corner of each new vertex, `first` (n,).
+    # `number` (3F,) is the new vertex of each corner, and `first` (n,) is one corner of each new vertex.
     number = np.zeros_like(corners)
     number[order] = np.cumsum(differs) - 1
     first = order[differs]

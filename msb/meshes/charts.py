@@ -1,4 +1,4 @@
-"""Convert textures for formats that store UVs per vertex, or that have only vertex colours."""
+"""Convert textures for formats that store UVs per vertex, and for formats with vertex colours only."""
 
 from dataclasses import replace
 from typing import Any
@@ -10,22 +10,22 @@ from msb.asset.texture import Sampler, linear_to_srgb, mip_levels, sample
 from msb.meshes.colors import linear_light, with_alpha
 from msb.meshes.mesh import Mesh
 
-# Offset in mip levels for sampling a texture at a corner. The level that matches the size of the face has the
-# offset 0. The next finer level has -1. Of several tested offsets, this value gave the best result on a
-# textured sphere.
+# Mip level for sampling a texture at a corner, relative to the level that matches the size of the face. The
+# value -1 is the next finer level. Of several tested offsets, this value gave the best result on a textured
+# sphere.
 _MIP_BIAS = -1.0
-# A corner is sampled at a point this fraction of the way towards the centre of the face. At the exact corner,
-# filtering would mix in texels of neighbouring charts.
+# Sample points of corners are moved towards the centre of the face by this share of the distance. Exactly at
+# the corner, filtering would include texels of neighbouring charts.
 _INWARDS = 0.25
 
 
 def with_vertex_uvs(mesh: Mesh) -> Mesh:
     """Return `mesh` with one UV and one normal per vertex. Faces and vertices are grouped by texture.
 
-    A vertex is split if its corners have different coordinates or normals (compared bit by bit) or different
-    textures. Normals stay an array with one row per corner. A vertex keeps its place in the order for its
-    first copy. Further copies of the vertex are appended to the vertices with the same texture. Faces keep
-    their order within a group.
+    A vertex is split if its corners have different textures, coordinates or normals. The last two are
+    compared bit by bit. Normals stay an array with one row per corner. A split vertex keeps its index for the
+    first copy. The other copies are appended to the vertices with the same texture. Faces keep their order
+    within a group.
     """
     if mesh.corner_uvs is None and mesh.face_textures is None and mesh.corner_normals is None:
         return mesh
@@ -36,7 +36,7 @@ def with_vertex_uvs(mesh: Mesh) -> Mesh:
         order = np.argsort(mesh.face_textures, kind="stable")
         textures = mesh.face_textures[order].astype(np.int64)
     corners = mesh.faces[order].reshape(-1)
-    # Values (C, K) that all corners of a new vertex share: UVs and normals.
+    # Collect values (C, K), the UVs and normals. Corners of a new vertex have equal values.
     values: list[NDArray[np.float32]] = []
     if mesh.corner_uvs is not None:
         values.append(mesh.corner_uvs.reshape(-1, 3, 2)[order].reshape(-1, 2))
@@ -58,8 +58,8 @@ def _split_vertices(
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]:
     """Return the old vertex (N,) and the values (N, K) of each new vertex.
 
-    Also return the new vertex of each corner. The corners are grouped by texture. The corners have the old
-    vertices `corners` (C,), the textures `textures` (C,) and the values `values` (C, K). The argument `count`
+    Also return the new vertex of each corner. The corners are grouped by texture. The corners have the vertex
+    indices `corners` (C,), the texture indices `textures` (C,) and the `values` (C, K). The argument `count`
     is the number of old vertices. Unused vertices are kept.
     """
     # Corners with the same vertex, texture and values (compared bit by bit) share a new vertex. Sort the
@@ -90,7 +90,8 @@ def _split_vertices(
     used[vertices] = True
     unused = np.flatnonzero(~used)
 
-    # Append the unused vertices. Sort by texture. Within each texture, kept vertices come before copies.
+    # Append the unused vertices. Sort by texture. Within each texture, vertices that keep their index come
+    # before copies.
     vertices = np.concatenate((vertices, unused))
     stays = np.concatenate((stays, np.ones(len(unused), bool)))
     place = np.where(stays, vertices, np.concatenate((first, unused)))
@@ -109,7 +110,7 @@ def without_textures(mesh: Mesh) -> Mesh:
 
 
 def with_sampled_colors(mesh: Mesh) -> Mesh:
-    """Return `mesh` with vertex colours sampled from its textures, and without textures.
+    """Return `mesh` without textures. The vertex colours are sampled from the textures.
 
     The colour of a vertex is the average over its corners, in linear light, weighted by face area. The colour
     of a corner is the texture colour, filtered to the size of the face. Alpha is multiplied with the vertex
@@ -146,15 +147,13 @@ def with_sampled_colors(mesh: Mesh) -> Mesh:
 
 
 def _sample_corners(mesh: Mesh, uvs: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return the colours of the textures at corners with the UVs `uvs` (F, 3, 2), as linear light and alpha
-    (3F, 4).
-    """
+    """Sample the textures at corners with the UVs `uvs` (F, 3, 2). Return linear light and alpha (3F, 4)."""
     light = np.zeros((len(uvs), 3, 4), np.float32)
     smooth = replace(mesh.sampler, filter="linear", mipmaps=True)
     inside = uvs + _INWARDS * (uvs.mean(axis=1, keepdims=True) - uvs)
     for number, image in enumerate(mesh.textures):
         shows = slice(None) if mesh.face_textures is None else mesh.face_textures == number
-        # Choose the mip level by the area of each face in texels.
+        # Choose the mip level from the area of each face in texels.
         size = np.array(image.shape[1::-1])
         first, second = (((uvs[shows, k] - uvs[shows, 0]) * size).T for k in (1, 2))
         texels = np.abs(first[0] * second[1] - first[1] * second[0]) / 2

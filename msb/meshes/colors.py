@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import LINEAR, linear_to_srgb, srgb_to_linear
 
-# Floats in [0, 1] with a smaller difference are equal, because other programs write rounded decimals.
+# Two floats in [0, 1] count as equal if their difference is smaller, because other programs write rounded
+# decimals.
 _SAME = 1e-6
 
 
@@ -17,8 +18,8 @@ def stored_colors(values: NDArray[Any]) -> NDArray[Any]:
 
     Values of type uint8 are kept, and uint16 values are divided by 65535. Integer colours of other types are
     clamped to 0..255. Floats are clamped to 0..1, as glTF prescribes. Some programs write colour bytes as
-    float numbers. Float colours become uint8 if all values are whole numbers up to 255 and a value exceeds 1.
-    NaN becomes 0.
+    float numbers. Float colours become uint8 if they are whole numbers up to 255, with at least one value
+    above 1. NaN becomes 0.
     """
     if values.dtype.kind == "f":
         values = np.nan_to_num(values, nan=0.0)
@@ -62,8 +63,8 @@ def linear_light(colors: NDArray[Any]) -> NDArray[np.float32]:
 def srgb_colors(linear: NDArray[Any], most: int = 0) -> NDArray[Any]:
     """Return linear colours (N, 3 | 4), uint8 or float32, as sRGB. Alpha is unchanged.
 
-    The sRGB colours are uint8 if bytes represent all given values exactly, else float32. If `most` is 65535,
-    float colours were uint16 values in the file.
+    The sRGB colours are uint8 if bytes represent all given values exactly. Otherwise, the sRGB colours are
+    float32. If `most` is 65535, the float colours were stored as uint16 values in the file.
     """
     if linear.dtype == np.uint8:
         stored, most = linear, 255
@@ -96,8 +97,8 @@ def _quantize(values: NDArray[Any], most: int) -> NDArray[np.intp]:
 
 @cache
 def _build_table(most: int) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]:
-    """For each linear level in 0..`most`, return its sRGB value, the nearest byte, and whether this byte is
-    exact.
+    """For each linear level from 0 to `most`, return three arrays: the sRGB value, the nearest byte, and
+    whether the byte is exact.
 
     A byte is exact if it converts back to the same linear level.
     """

@@ -33,7 +33,7 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
     Parameters
     ----------
     path : str or Path
-        A regular file. Its suffix, in upper or lower case, selects the format.
+        A regular file. The suffix of the path, in upper or lower case, selects the format.
     images : bool
         Whether to decode texture images. If False, texture images are skipped. Texture coordinates are always
         read.
@@ -51,8 +51,8 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
     MeshFileError
         The content is invalid: one of the MESH_FILE_ codes.
     MeshError
-        MESH_INDEX_OUT_OF_RANGE: a USD file with colours per corner has an invalid vertex index. Meshes of all
-        other formats are returned with their invalid indices.
+        `MESH_INDEX_OUT_OF_RANGE`: a USD file with colours per corner has an invalid vertex index. Meshes of
+        all other formats are returned with their invalid indices.
 
     Notes
     -----
@@ -74,7 +74,7 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
 
 
 def _shorten_left_out(mesh: Mesh) -> Mesh:
-    """Return `mesh` with a shortened `left_out`, which contains the first entries and the number of other
+    """Return `mesh` with a shortened `left_out`. The list contains the first entries and the number of other
     entries.
     """
     first, more = mesh.left_out[:_MAX_LEFT_OUT], len(mesh.left_out) - _MAX_LEFT_OUT
@@ -128,7 +128,7 @@ def write_mesh(
 
 
 def companion_files(mesh: Mesh, path: Path, style: Style) -> dict[Path, bytes]:
-    """Return the additional files that `write_whole` writes for `path`, as path -> content."""
+    """Return the additional files that `write_whole` writes for `path`, as a mapping from path to content."""
     form = _find_format(str(path), path.suffix)
     files = form.companions(mesh, replace(style, stem=path.stem)) if form.companions else {}
     return {path.with_name(name): content for name, content in files.items()}
@@ -146,7 +146,7 @@ def write_whole(
 
     Either all files are written or no file is written.
 
-    The function `check_companion` may reject the path of an additional file before anything is written.
+    Before anything is written, the function `check_companion` may reject the path of an additional file.
     Raises the errors of `write_mesh` and `new_files`.
     """
     style = replace(style or Style(), stem=path.stem)

@@ -27,15 +27,15 @@ class Web:
     Attributes
     ----------
     quarters : int
-        Position precision in quarters of a bit: the grid has about 2 ** (quarters / 4) steps along the
+        Position precision in quarters of a bit. The grid has about 2 ** (quarters / 4) steps along the
         longest side of the bounding box. 88 is about the precision of float32.
     levels : float, optional
         Largest colour error in levels of 8-bit sRGB. Colours are stored as 16-bit linear light, rounded to as
         few significant bits as this error allows. The value None stores colours as 8-bit linear light, with
         errors of up to 6 levels in dark colours.
     by_distance : bool
-        For triangle soups: use a finer grid for faces near the centre of the scene and a coarser grid far
-        away, instead of one grid.
+        For triangle soups, use a finer grid for faces near the centre of the scene, and a coarser grid far
+        away.
     """
 
     quarters: int = 64
@@ -50,15 +50,15 @@ class Style:
     Attributes
     ----------
     color : {"linear", "srgb"}, optional
-        The colour space of vertex colours; None is the default of the format.
+        The colour space of vertex colours. With None, the format's default is used.
     texture : {"png", "jpeg", "webp"}
         The image format of textures.
     web : Web, optional
-        For GLB: the precision of a compressed file, whose rows are reordered. The value None gives an
+        For GLB, the precision of a compressed file, whose rows are reordered. The value None gives an
         uncompressed file, which every program can read.
     stem : str, optional
-        The file name, without suffix, of additional files (materials, images); with None, no such files are
-        written.
+        The file name, without suffix, of additional files such as materials and images. With None, additional
+        files are not written.
     extras : mapping, optional
         For GLB: JSON data for the file's `asset.extras`.
     collision : tuple of Mesh
@@ -87,7 +87,7 @@ Kept = Literal["vertex_colors", "face_colors", "vertex_uvs", "normals", "texture
 class Format:
     """One mesh format.
 
-    A built-in format is declared in its module and registered by one line in `msb.meshes.files`. Another
+    A built-in format is declared in a module, and registered by one line in `msb.meshes.files`. Another
     package registers its format with an entry point of the group `msb.meshes` (docs/extending.md).
 
     Attributes
@@ -99,8 +99,8 @@ class Format:
     read : callable
         A function from `Source` to `Mesh`. For invalid bytes the function raises only `MeshFileError`.
     write : callable, optional
-        A function that writes a mesh with valid coordinates and indices to a binary stream; None for a
-        read-only format.
+        A function that writes a mesh with valid coordinates and indices to a binary stream. The value is None
+        for a read-only format.
     begins : compiled pattern of bytes, optional
         The signature at the start of every file of this format. Files of other formats must not begin with
         this signature. The signature identifies files with a wrong suffix.
@@ -111,8 +111,8 @@ class Format:
         The optional parts of a mesh that the format can store.
     list_stored, list_lost : callable, optional
         Functions of a textured mesh. The function `list_stored` names the colours and textures that a file
-        stores. The function `list_lost` names the lost parts. These functions are only needed if `keeps` does
-        not determine the stored data.
+        stores. The function `list_lost` names the parts of a mesh that a file does not store. Both functions
+        are only needed if `keeps` does not determine the stored data.
     is_soup : bool
         True if the format stores three vertices per face, so that faces never share vertices.
     is_single : bool
@@ -241,7 +241,7 @@ class _PackageFunction:
 class _PackageReader:
     """Wraps the function `read` of a mesh format from another package.
 
-    If this function raises any error, the file counts as invalid.
+    If the function raises any error, the file counts as invalid.
     """
 
     whose: str

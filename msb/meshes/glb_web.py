@@ -27,19 +27,19 @@ from msb.meshes.writing import as_local
 
 _MESHOPT, _QUANTIZATION = "EXT_meshopt_compression", "KHR_mesh_quantization"
 # Finest precision of positions, in quarters of a bit. Mantissas of 24 bits cannot represent the coordinates
-# of a finer grid. If the grid varies by distance, the limit is 3 bits lower, because the finest step of the
-# grid is 3 bits finer.
+# of a finer grid. The second limit is for a grid step that varies by distance. The second limit is 3 bits
+# lower, because some steps of such a grid are up to 8 times finer.
 _FINEST, _FINEST_BY_DISTANCE = 88, 76
-# Range of the grid step if the step varies by distance. The values are binary logarithms relative to the step
-# at the median distance, from 8 times finer (-3) to 32 times coarser (5).
+# Finest and coarsest grid step if the step varies by distance. The values are binary logarithms, relative to
+# the step at the median distance: -3 is 8 times finer, and 5 is 32 times coarser.
 _FINER, _COARSER = -3, 5
 # When the distance doubles, the grid step increases by this number of bits. At twice the distance, the step
 # is 2.8 times coarser.
 _BITS_PER_DOUBLING = 1.5
-# Precision of texture coordinates, in bits below one texel: the smallest step is 1/16 texel.
+# Precision of texture coordinates in bits. The smallest step is 1/16 texel.
 _TEXEL_BITS = 4
-# Number of bits of a mantissa without its sign. Far outside [0, 1], the size of the mantissa limits the
-# precision of texture coordinates.
+# Number of bits of a mantissa without its sign. Far outside [0, 1], the mantissa limits the precision of
+# texture coordinates.
 _MANTISSA = 23
 
 
@@ -48,7 +48,7 @@ class Grid:
     """Positions (V, 3) rounded to a grid.
 
     The position of vertex v is corner + step * whole[v]. The integers whole[v] are multiples of 2 **
-    exponents[v]. The field `corner` is relative to the point `origin` (3,).
+    exponents[v]. The field `corner` is relative to `origin` (3,).
     """
 
     whole: NDArray[np.int64]
@@ -62,8 +62,8 @@ class Grid:
         """Return the positions of `mesh` rounded with the precision of `web`.
 
         The step of the position grid is a power of two, multiplied by 8, 7, 6 or 5 eighths. The grid step is
-        at least the float32 spacing at the farthest vertex. With this step, different grid positions stay
-        different after decoding.
+        at least the distance between neighbouring float32 numbers at the farthest vertex. With this step,
+        different grid positions stay different after decoding.
         """
         local, origin = as_local(mesh.vertices, "GLB")
         positions = local.astype(np.float64)
@@ -96,7 +96,7 @@ class Grid:
 
 
 def _coarsen_by_distance(mesh: Mesh, positions: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the coarsening of the grid step for each vertex (V,) of a soup, in bits.
+    """For each vertex (V,) of a soup, return the coarsening of the grid step in bits.
 
     Negative values mean a finer step. The grid step grows with the distance of the face from the centre of
     the scene. Cameras are near the centre of a scene. Cameras view distant faces from far away, and distant
@@ -121,8 +121,8 @@ def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     assert web is not None
     builder = _CompressedBuilder(start_root(mesh, style))
     if web.by_distance and mesh.face_textures is not None:
-        web = replace(web, by_distance=False)  # `Grid.exponents` cannot describe single primitives.
-    # Positions: grid coordinates, and a node transform that maps them back.
+        web = replace(web, by_distance=False)  # `Grid.exponents` describes whole meshes only.
+    # Store positions as grid coordinates, with a node transform that converts the coordinates back.
     grid = Grid.of(mesh, web)
     builder.root["nodes"][0] |= {
         "translation": (grid.origin + grid.corner).tolist(),
@@ -196,10 +196,10 @@ def convert_to_srgb(light: NDArray[Any]) -> NDArray[np.float32]:
 def _order_soup(part: Primitive, exponents: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return an order (V,) of the vertices that compresses well.
 
-    In the returned order, every three vertices are a face.
+    Every three vertices in the returned order form a face.
 
-    Faces are sorted by grid step, then along a space-filling curve. Each face is rotated to begin with the
-    corner nearest to the last corner of the previous face.
+    Faces are sorted by grid step, then along a space-filling curve. Each face begins with the corner that is
+    nearest to the last corner of the previous face.
     """
     import meshopt
 
@@ -257,15 +257,16 @@ class _CompressedBuilder(GlbBuilder):
 
     The field `plain` is the size of the uncompressed arrays in bytes.
 
-    Every float attribute contains multiples of powers of two. For each attribute name, `exponents` contains
-    the exponents of these powers, (V,) or (1,).
+    The values of a float attribute are multiples of powers of two. For each attribute name, `exponents`
+    contains the exponents of these powers, (V,) or (1,).
     """
 
     plain: int = 0
     exponents: dict[str, NDArray[np.int64]] = field(default_factory=dict)
 
     def rows(self, name: str, rows: NDArray[Any]) -> int:
-        """Append the compressed attribute `name` (V, K) of the vertices. Return its buffer view's index."""
+        """Append the compressed attribute `name` (V, K) of the vertices. Return the index of its buffer
+        view."""
         import meshopt
 
         kind: dict[str, Any] = {"mode": "ATTRIBUTES"}
@@ -289,7 +290,8 @@ class _CompressedBuilder(GlbBuilder):
         return self._view(content, faces.size, faces.itemsize, {"mode": "TRIANGLES"}, INDICES)
 
     def _view(self, content: bytes, count: int, stride: int, kind: dict[str, Any], target: int) -> int:
-        """Append compressed data of `count` elements of `stride` bytes. Return its buffer view's index."""
+        """Append compressed data of `count` elements of `stride` bytes. Return the index of its buffer
+        view."""
         packed = self.put(content) | {"byteStride": stride, "count": count} | kind
         plain: dict[str, Any] = {"buffer": 1, "byteOffset": self.plain, "byteLength": count * stride}
         if target == VERTICES:

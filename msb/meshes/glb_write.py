@@ -25,7 +25,8 @@ _WEBP = "EXT_texture_webp"
 _COMPONENTS = {kind[1:]: number for number, kind in COMPONENTS.items()}
 # Target values of glTF buffer views.
 VERTICES, INDICES = 34962, 34963
-# A mesh with this number of vertices or more has uint32 indices, because index 65535 restarts strips.
+# A mesh with at least this number of vertices has uint32 indices. In uint16 indices, the value 65535 would
+# restart a strip.
 _MAX_SHORT = 1 << 16
 _FILTERS = {
     ("linear", True): 9987,
@@ -38,7 +39,7 @@ _WRAPS = {"repeat": 10497, "clamp": 33071, "mirror": 33648}
 
 @dataclass(frozen=True)
 class Primitive:
-    """A primitive: its vertex attributes (V, K) by name, its faces (F, 3), and the number of its texture.
+    """A primitive: its vertex attributes (V, K) by name, its faces (F, 3), and the index of its texture.
 
     Without faces, every three vertices are a face.
     """
@@ -57,7 +58,7 @@ class GlbBuilder:
     size: int = 0
 
     def add(self, key: str, entry: dict[str, Any]) -> int:
-        """Append an object to the array `key` of the JSON. Return the object's index."""
+        """Append an object to the array `key` of the JSON. Return the index of the object."""
         self.root.setdefault(key, []).append(entry)
         return len(self.root[key]) - 1
 

@@ -43,20 +43,20 @@ MAX_BUFFER = 1 << 40
 IDENTITY = np.eye(4)
 # The extension for Gaussian splats. A file that uses this extension is a model of Gaussians, not a mesh.
 GAUSSIANS = "KHR_gaussian_splatting"
-# Number of bytes of a file that are searched for the name of an extension.
+# Number of bytes at the start of a file in which the name of an extension is searched.
 _SEARCHED = 1 << 22
 VISIBILITY = "KHR_node_visibility"
 
 # Maximum number of nodes. Real scenes have some thousand nodes. A million nodes take a few seconds.
 MAX_NODES = 1 << 20
 
-# Memory limit for the arrays of a file: 64 bytes per byte of the file, plus 256 MiB. A byte of a file needs
-# at most 24 bytes in memory, if it is a vertex index. Only a file whose nodes or primitives share arrays can
-# exceed this limit.
+# Memory limit for the arrays of a file: 64 bytes per byte of the file, plus 256 MiB. For each byte of the
+# file, an array needs at most 24 bytes of memory. Vertex indices need this maximum. Only a file whose nodes
+# or primitives share arrays can exceed this limit.
 MAX_BYTES_PER_BYTE = 64
 MAX_EXTRA_BYTES = 1 << 28
 
-# For each byte value, the change of the nesting depth of the JSON.
+# For each byte value, the amount by which the byte changes the nesting depth of the JSON.
 _NESTING = np.zeros(256, dtype=np.int8)
 _NESTING[list(b"[{")] = 1
 _NESTING[list(b"]}")] = -1
@@ -71,13 +71,13 @@ class Document:
     root : dict
         The JSON object.
     embedded : dict
-        Long data URIs by their keys "#0", "#1", ..., which replace the URIs in the JSON.
+        Long data URIs. The JSON contains these keys instead: "#0", "#1", ...
     buffers : dict
-        The bytes of the buffers by number.
+        The bytes of the buffers. The key is the buffer index.
     files : dict
         The linked files that were read.
     views : dict
-        The decoded bytes of compressed buffer views by number.
+        The decoded bytes of compressed buffer views. The key is the index of the buffer view.
     packed : dict
         The decoded arrays (count, width) of compressed primitives. A key is the JSON pointer of the primitive
         and the name of the attribute.
@@ -93,7 +93,7 @@ class Document:
 
     @property
     def limit(self) -> int:
-        """Memory limit for the arrays in bytes.
+        """Memory limit in bytes for the arrays.
 
         The memory limit depends on the sizes of the file and of all linked files that were read.
         """
@@ -185,7 +185,7 @@ class Document:
         return self.buffers[index]
 
     def resource(self, owner: dict[str, Any], pointer: str, most: int | None) -> bytes:
-        """Return the bytes that `owner["uri"]` refers to, limited to `most` bytes as in
+        """Return the bytes that `owner["uri"]` refers to. The number of bytes is limited to `most` as in
         `read_linked_file`.
         """
         uri, where = owner.get("uri"), f"{pointer}/uri"
@@ -215,7 +215,7 @@ class Accessor:
     """A validated description of an array (count, width). The file contains all bytes of the array.
 
     The field `data` has the bytes of the buffer view, or is None for an array of zeros. The first element of
-    the array begins at byte `start` of `data`. Each further element of the array begins `stride` bytes later.
+    the array begins at byte `start` of `data`. The distance between consecutive elements is `stride` bytes.
     The field `sparse` has two accessors: the indices of elements to replace, and their new values.
     """
 
@@ -296,7 +296,7 @@ def open_document(source: Source) -> Document:
 def parse_document(source: Source, text: bytes) -> Document:
     """Return the document of a JSON text.
 
-    Long data URIs are replaced before parsing, so that the size limit of the JSON does not include them.
+    Replace long data URIs before parsing. The size limit then applies to the remaining JSON only.
     """
     embedded: dict[str, str] = {}
 
@@ -352,7 +352,7 @@ def parse_accessor(
 def _parse_sparse(
     document: Document, entry: dict[str, Any], pointer: str, base: Accessor
 ) -> tuple[Accessor, Accessor]:
-    """Return the accessors of the indices and values for the sparse replacements in `base`."""
+    """Return two accessors for the sparse replacements in `base`: the indices and the values."""
     count = document.integer(entry, "count", pointer, below=base.count + 1)
     indices = document.object(entry, "indices", pointer)
     values = document.object(entry, "values", pointer)
@@ -431,8 +431,7 @@ def _parse_json(source: Source, text: bytes) -> dict[str, Any]:
 def _measure_nesting(text: bytes) -> int:
     """Return the nesting depth of objects and arrays in the JSON. Brackets inside strings are ignored.
 
-    The nesting depth is computed with NumPy, because `msb.base.bounded_parsing` would need ten seconds for
-    `MAX_JSON_BYTES`.
+    This function uses NumPy, because `msb.base.bounded_parsing` would need ten seconds for `MAX_JSON_BYTES`.
     """
     unescaped = text.replace(b"\\\\", b"  ").replace(b'\\"', b"  ")
     marks = np.frombuffer(unescaped, dtype=np.uint8)
@@ -447,7 +446,8 @@ def _reject_constant(name: str) -> NoReturn:
 
 
 def _is_finite(value: float) -> bool:
-    """Return whether `value` is finite as float64. A long integer may overflow in this conversion."""
+    """Return whether `value` is finite as float64. The conversion of a long integer to float64 may
+    overflow."""
     try:
         return math.isfinite(value)
     except OverflowError:
@@ -456,7 +456,7 @@ def _is_finite(value: float) -> bool:
 
 @dataclass(frozen=True)
 class PlacedMesh:
-    """A mesh in the scene: its number, the JSON of its node, and the world transform (4, 4) of the node."""
+    """A mesh in the scene: its index, the JSON of its node, and the world transform (4, 4) of the node."""
 
     mesh: int
     node: dict[str, Any]
@@ -465,14 +465,14 @@ class PlacedMesh:
 
 @dataclass(frozen=True)
 class PlacedNodes:
-    """The world transforms (4, 4) of the nodes of the scene, by number, and the numbers of hidden nodes."""
+    """The world transforms (4, 4) of the nodes in the scene, and the indices of hidden nodes."""
 
     worlds: dict[int, NDArray[np.float64]]
     hidden: set[int]
 
 
 def list_placed_meshes(document: Document, nodes: PlacedNodes) -> Iterator[tuple[PlacedMesh, bool]]:
-    """Yield each mesh in the scene, in the order of nodes, and whether it is hidden."""
+    """Yield each mesh in the scene in the order of nodes. Also yield whether the mesh is hidden."""
     for index, world in sorted(nodes.worlds.items()):
         node, pointer = document.entry("nodes", index)
         if "mesh" in node:
@@ -495,7 +495,7 @@ def place_nodes(document: Document) -> PlacedNodes:
         for index in siblings:
             node, pointer = document.entry("nodes", index)
             if index in worlds:
-                text = "the node has two parents or is in a cycle; nodes must form trees"
+                text = "the node has two parents or is part of a cycle; nodes must form trees"
                 raise document.error("MESH_FILE_INVALID", pointer, text)
             local = _parse_local_transform(document, node, pointer)
             with np.errstate(over="ignore", invalid="ignore"):
@@ -521,7 +521,7 @@ def _is_visible(document: Document, node: dict[str, Any], pointer: str) -> bool:
 def _find_roots(document: Document) -> tuple[list[int], int | None]:
     """Return the root nodes, and the number of nodes that must be reachable.
 
-    The number is None if a scene lists its roots.
+    The second value is None if the scene lists its root nodes.
     """
     count = len(document.array(document.root, "nodes", ""))
     if count > MAX_NODES:
@@ -539,7 +539,7 @@ def _find_roots(document: Document) -> tuple[list[int], int | None]:
 
 
 def parse_node_numbers(document: Document, owner: dict[str, Any], key: str, pointer: str) -> list[int]:
-    """Return the array of node numbers `owner[key]`."""
+    """Return the array of node indices `owner[key]`."""
     numbers = document.array(owner, key, pointer)
     count = len(document.array(document.root, "nodes", ""))
     for number in numbers:
@@ -550,7 +550,8 @@ def parse_node_numbers(document: Document, owner: dict[str, Any], key: str, poin
 
 
 def _parse_local_transform(document: Document, node: dict[str, Any], pointer: str) -> NDArray[np.float64]:
-    """Return the local transform (4, 4) of a node: its matrix, or translation times rotation times scale."""
+    """Return the local transform (4, 4) of a node. The transform is a matrix, or a product of translation,
+    rotation and scale."""
     if "matrix" in node:
         return document.numbers(node, "matrix", pointer, tuple(IDENTITY.ravel())).reshape(4, 4).T
     if not node.keys() & {"translation", "rotation", "scale"}:

@@ -34,7 +34,7 @@ _OTHERS = {
 class TextureUse:
     """The use of an image by a material.
 
-    The field `image` is the number of the image. The field `uv_set` is the number of the set of texture
+    The field `image` is the index of the image. The field `uv_set` is the index of the set of texture
     coordinates. The field `transform` (2, 3) is the matrix that is multiplied with (u, v, 1), or None for the
     identity.
     """
@@ -47,10 +47,11 @@ class TextureUse:
 
 @dataclass(frozen=True)
 class BaseColor:
-    """The base colour of a material is the product of `factor` (RGBA in linear light) and `texture`.
+    """The base colour of a material is the product of `factor` and `texture`. The factor is RGBA in linear
+    light.
 
-    The field `cutoff` is the alpha cut-off, or None if alpha is ignored. The field `is_lost` is set if the
-    material has a texture that cannot be read.
+    The field `cutoff` is the alpha cut-off. The value None means that alpha is ignored. The field `is_lost`
+    is set if the material has a texture that cannot be read.
     """
 
     factor: tuple[float, ...] = _WHITE
@@ -81,11 +82,12 @@ def read_base_color(document: Document, primitive: dict[str, Any], pointer: str)
 def _find_surface(
     document: Document, material: dict[str, Any], pointer: str
 ) -> tuple[dict[str, Any], str, tuple[str, str]]:
-    """Return the JSON object of a material's colour, its JSON pointer, and the keys of factor and texture.
+    """Return the JSON object of a material's colour, its JSON pointer, and the keys of the factor and the
+    texture.
 
     Usually, the colour of a material is the base colour of the metallic-roughness model. If the
     metallic-roughness model has no base colour, the diffuse colour of the specular-glossiness model is used.
-    The diffuse colour also takes precedence if it has a texture and the base colour does not.
+    If only the diffuse colour has a texture, the diffuse colour also takes precedence.
     """
     surface = document.object(material, "pbrMetallicRoughness", pointer)
     extensions = document.object(material, "extensions", pointer)
@@ -99,7 +101,7 @@ def _find_surface(
 def _parse_texture_use(document: Document, entry: dict[str, Any], pointer: str) -> TextureUse | None:
     """Return the texture that a `textureInfo` describes.
 
-    Return None if its image format is unsupported (KTX2).
+    Return None if the format of the image is not supported (KTX2).
     """
     texture, where = document.entry("textures", document.integer(entry, "index", pointer))
     extensions = document.object(texture, "extensions", where)
@@ -125,7 +127,7 @@ def _parse_texture_use(document: Document, entry: dict[str, Any], pointer: str) 
     along_u, along_v = document.numbers(moved, "scale", where, (1, 1)).tolist()
     angle = document.number(moved, "rotation", where, 0.0)
     cos, sin = math.cos(angle), math.sin(angle)
-    # Scale, then rotate counter-clockwise (v points downwards), then translate.
+    # Apply the scale, then the counter-clockwise rotation (v points downwards), then the translation.
     transform = (cos * along_u, sin * along_v, u), (-sin * along_u, cos * along_v, v)
     return TextureUse(image, sampler, uv_set, transform)
 

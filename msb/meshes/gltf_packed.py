@@ -23,8 +23,8 @@ DRACO = "KHR_draco_mesh_compression"
 _MODES = ("ATTRIBUTES", "TRIANGLES", "INDICES")
 _FILTERS = ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")
 # `_READ` has prefixes of attributes that are read. `_EXPLAINING` has attributes that only explain duplicated
-# vertices. Attributes that explain duplicates are optional: if their decoding fails, the mesh is
-# read without them.
+# vertices. The attributes in `_EXPLAINING` are optional. If their decoding fails, the mesh is read without
+# these attributes.
 _READ = ("POSITION", "COLOR_0", "TEXCOORD_", "JOINTS_", "WEIGHTS_")
 _EXPLAINING = ("NORMAL", "TANGENT")
 # Time limit of the child process, in seconds.
@@ -41,7 +41,7 @@ def unpack(document: Document, meshes: list[int], *, every_view: bool = False) -
     With `every_view`, all other compressed buffer views are decoded, too, for example those of animations.
 
     Decoded buffer views are stored in `document.views`. Attributes and indices of Draco primitives are stored
-    in `document.packed`. `document.limit` is the limit of the total size of the decoded arrays.
+    in `document.packed`. The total size of the decoded arrays is limited to `document.limit`.
     """
     jobs = list(_list_jobs(document, meshes))
     if every_view:
@@ -156,7 +156,7 @@ def _list_jobs(document: Document, meshes: list[int]) -> Iterator[Job]:
 def _find_accessor(document: Document, number: Any) -> dict[str, Any]:
     """Return the JSON of accessor `number`.
 
-    The JSON is empty if the accessor does not exist. A later check reports this error.
+    The JSON is empty if the accessor does not exist. A later check reports a missing accessor.
     """
     entries = document.array(document.root, "accessors", "")
     exists = type(number) is int and 0 <= number < len(entries) and isinstance(entries[number], dict)
@@ -164,7 +164,7 @@ def _find_accessor(document: Document, number: Any) -> dict[str, Any]:
 
 
 def _list_views(document: Document, number: Any) -> set[int]:
-    """Return the numbers of the buffer views that accessor `number` uses."""
+    """Return the indices of the buffer views that accessor `number` uses."""
     entry = _find_accessor(document, number)
     sparse = entry.get("sparse")
     parts = [sparse.get("indices"), sparse.get("values")] if isinstance(sparse, dict) else []

@@ -26,7 +26,7 @@ _PRIMITIVE_BYTES = 1 << 10
 
 @dataclass(frozen=True)
 class Primitive:
-    """The description of a primitive with triangles, and the JSON `entry` of the primitive."""
+    """A triangle primitive, and its JSON `entry`."""
 
     pointer: str
     entry: dict[str, Any]
@@ -64,13 +64,13 @@ class PrimitiveArrays:
     colors : (V, 3 | 4) uint8 or float32, optional
         Vertex colours in linear light, as stored.
     most : int
-        65535 if the colours were stored as uint16, else 0.
+        65535 if the colours were stored as uint16. Otherwise 0.
     uvs : (V, 2) float32, optional
     base : BaseColor
         The material.
     keys : (V,) uint32
-        The seam keys: hashes of the attributes that are not read. A triangle list cannot share vertices.
-        Therefore every vertex gets a separate key if no vertex is used twice.
+        The seam keys are hashes of the attributes that the reader ignores. A triangle list cannot share
+        vertices, so every vertex gets a separate key if no vertex is used twice.
     """
 
     vertices: NDArray[Any]
@@ -83,7 +83,7 @@ class PrimitiveArrays:
 
 
 def parse_primitives(document: Document, mesh: int) -> list[Primitive]:
-    """Return the primitives of mesh number `mesh` that have triangles."""
+    """Return the primitives with triangles of the mesh with the index `mesh`."""
     owner, pointer = document.entry("meshes", mesh)
     primitives = []
     for number, entry in enumerate(document.array(owner, "primitives", pointer)):
@@ -193,7 +193,7 @@ def _hash_unread(primitive: Primitive, corners: NDArray[np.int64]) -> NDArray[np
     used[corners[(corners >= 0) & (corners < count)]] = True
     if primitive.mode == TRIANGLES and len(corners) == count and used.all():
         columns = [np.arange(count)]
-    # The key includes the number of the primitive, because primitives do not share vertices.
+    # The key includes the index of the primitive, because primitives do not share vertices.
     number = int(primitive.pointer.rpartition("/")[2])
     return hash_attributes([np.full(count, number), *columns])
 

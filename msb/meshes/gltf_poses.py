@@ -10,7 +10,7 @@ from msb.errors import MeshFileError, shorten
 from msb.meshes.gltf import Document, PlacedMesh, parse_accessor, parse_node_numbers
 from msb.meshes.gltf_parts import Primitive, PrimitiveArrays, read_numbers, transform_arrays
 
-# Number of bytes per vertex that a morph target and a skin need while they are applied.
+# Number of bytes per vertex while a pose is applied: for each morph target, and for a skin.
 _TARGET_BYTES, _SKIN_BYTES = 24, 256
 _COMPONENTS = "i1 u1 i2 u2 f4"
 Floats = NDArray[np.float64]
@@ -23,9 +23,9 @@ class Poses:
     Attributes
     ----------
     worlds : dict
-        The world transforms (4, 4) by node number.
+        The world transforms (4, 4) of the nodes. The key is the node index.
     left_out : dict
-        The names of pose data that cannot be read.
+        The names of pose data that the reader ignores.
     is_skinned : bool
         Whether a skin has been applied.
     """
@@ -61,7 +61,7 @@ class Poses:
             return part
 
     def _list_weights(self, primitive: Primitive, placed: PlacedMesh) -> dict[int, float]:
-        """Return the non-zero weights of the morph targets of a primitive, by number."""
+        """Return the non-zero weights of a primitive's morph targets. The key is the index of the target."""
         owner, _ = self.document.entry("meshes", placed.mesh)
         weights = placed.node.get("weights", owner.get("weights"))
         targets = primitive.entry.get("targets")
@@ -85,7 +85,8 @@ class Poses:
         return part if vertices is part.vertices else replace(part, vertices=vertices.astype(np.float64))
 
     def _skin(self, part: PrimitiveArrays, primitive: Primitive, joints: Floats) -> PrimitiveArrays:
-        """Return `part` with each vertex moved by its weighted average of the matrices `joints` (J, 3, 4)."""
+        """Return `part` after moving each vertex by the weighted average of its matrices in `joints` (J, 3,
+        4)."""
         numbers, weights = self._read_weights(primitive, len(joints))
         # blended (V, 3, 4): the matrix of each vertex.
         blended = np.zeros((len(part.vertices), 3, 4))
@@ -170,7 +171,7 @@ class Poses:
             if stored.count < len(joints):
                 text = f"there are {stored.count} inverse bind matrices for {len(joints)} joints"
                 raise document.error("MESH_FILE_INVALID", f"{where}/inverseBindMatrices", text)
-            # glTF stores matrices column by column.
+            # Transpose, because glTF stores matrices column by column.
             inverse = stored.read()[: len(joints)].reshape(-1, 4, 4).swapaxes(1, 2).astype(np.float64)
             with np.errstate(over="ignore", invalid="ignore"):
                 placed = placed @ inverse
@@ -178,6 +179,6 @@ class Poses:
 
 
 def _has_skin(primitive: Primitive, placed: PlacedMesh) -> bool:
-    """Return whether a primitive is moved by the joints of a skin instead of its node."""
+    """Return whether a primitive is moved by the joints of a skin, not by its node."""
     attributes = primitive.entry.get("attributes", {})
     return "skin" in placed.node and {"JOINTS_0", "WEIGHTS_0"} <= attributes.keys()

@@ -64,11 +64,11 @@ _HARMLESS = (
     "MSFT_packing_",
     "CESIUM_primitive_outline",
 )
-# The parts of a file that only affect the appearance or movement of a mesh. An unknown extension is harmless
-# if only these parts use the extension.
+# The parts of a file that only affect the appearance or the animation of a mesh. An unknown extension is
+# harmless if only these parts use the extension.
 _LOOKS = ("materials", "textures", "images", "samplers", "animations", "cameras")
 
-# Names of unread attributes for messages. The keys omit the set number.
+# Names of unread attributes for messages, without the number of the set.
 _ATTRIBUTES = {
     "NORMAL": "normals",
     "TANGENT": "tangents",
@@ -151,7 +151,7 @@ def _check_extensions(document: Document) -> None:
 
 
 def _list_extended_parts(document: Document) -> dict[str, set[str]]:
-    """For each extension, return the keys of the root object whose values use the extension.
+    """For each extension, return the keys of the root object in whose values the extension occurs.
 
     The key "" means the root object itself.
     """
@@ -182,8 +182,8 @@ def _find_cutoff(parts: list[PrimitiveArrays]) -> float | None:
 def _identify_texture(document: Document, part: PrimitiveArrays, cutoff: float | None) -> Any:
     """Return a key for the texture of a part. Return None without a texture.
 
-    An image may be used both with and without an alpha cut-off. An image with both uses becomes two textures,
-    because only one texture keeps the alpha channel.
+    If an image is used both with and without an alpha cut-off, two textures are needed. Only one texture
+    keeps the alpha channel.
     """
     if part.base.texture is None:
         return None
@@ -194,7 +194,7 @@ def _identify_texture(document: Document, part: PrimitiveArrays, cutoff: float |
 def _decode_images(
     document: Document, parts: list[PrimitiveArrays]
 ) -> tuple[list[PrimitiveArrays], dict[Any, NDArray[np.uint8]], dict[str, None]]:
-    """Return the parts, the texels of their textures by key, and the names of unreadable images.
+    """Return the parts, the texels of their textures, and the names of unreadable images.
 
     A part whose image cannot be read has no texture in the result. If the source is read without images, no
     image is decoded.
@@ -278,9 +278,8 @@ def _combine_colors(part: PrimitiveArrays, cutoff: float | None, is_srgb: bool) 
     """Return the sRGB colours (V, 3 | 4) of a part, multiplied with the base factor.
 
     Return None if all colours are white. The argument `cutoff` is the alpha cut-off of the mesh. If the part
-    has a different cut-off, alpha is scaled by the ratio of the two cut-offs. If the part has no cut-off,
-    alpha is
-    1. If `cutoff` is None, alpha is returned unchanged, and renderers ignore it.
+    has a different cut-off, alpha is multiplied with the ratio of the two cut-offs. Without a cut-off of the
+    part, alpha is set to 1. If `cutoff` is None, alpha is returned unchanged, and renderers ignore it.
     """
     factor, part_cutoff = np.array(part.base.factor, np.float32), part.base.cutoff
     if cutoff is None or part_cutoff is None:
@@ -302,7 +301,8 @@ def _combine_colors(part: PrimitiveArrays, cutoff: float | None, is_srgb: bool) 
 
 
 def _join_colors(colors: list[NDArray[Any] | None], parts: list[PrimitiveArrays]) -> NDArray[Any] | None:
-    """Concatenate the colours (V, 3 | 4) in the widest type and width. Return None if all are white."""
+    """Concatenate the colours (V, 3 | 4) in the widest type and width. Return None if all colours are
+    white."""
     stored = [rows for rows in colors if rows is not None]
     if not stored:
         return None
@@ -317,9 +317,9 @@ def _join_colors(colors: list[NDArray[Any] | None], parts: list[PrimitiveArrays]
 
 
 def _list_left_out(document: Document, meshes: Iterable[int], colors: list[BaseColor]) -> dict[str, None]:
-    """Return names of all unread data in the file and in the given `meshes`.
+    """Return the names of all unread data in the file and in the given `meshes`.
 
-    Malformed entries of the JSON are skipped, because the reader does not use them.
+    Malformed entries of the JSON are skipped.
     """
     parts: dict[str, None] = {}
     textures = [color.texture for color in colors if color.texture is not None]
@@ -357,12 +357,12 @@ def _list_left_out(document: Document, meshes: Iterable[int], colors: list[BaseC
 
 
 def _filter_objects(entries: Any) -> list[dict[str, Any]]:
-    """Return the objects in the JSON array `entries`. For other values, return an empty list."""
+    """Return the objects in the JSON array `entries`. If `entries` is not an array, return an empty list."""
     return [entry for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
 
 
 def _list_keys(entry: Any) -> list[Any]:
-    """Return the keys of the JSON object `entry`. For other values, return an empty list."""
+    """Return the keys of the JSON object `entry`. If `entry` is not an object, return an empty list."""
     return list(entry) if isinstance(entry, dict) else []
 
 

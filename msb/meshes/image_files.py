@@ -23,7 +23,8 @@ ENDINGS: dict[Picture, str] = {"png": ".png", "jpeg": ".jpg", "webp": ".webp"}
 
 
 def name_images(mesh: Mesh, style: Style) -> list[str]:
-    """Return the file names of a mesh's images: the style's stem, with a number if there are several."""
+    """Return the file names of a mesh's images. A name is the style's stem, with a number if there are
+    several images."""
     several, stem = len(mesh.textures) > 1, simplify_stem(style)
     kinds = [_choose_kind(image, style.texture, mesh.sampler) for image in mesh.textures]
     numbers = [f"_{number}" if several else "" for number in range(len(kinds))]
@@ -31,7 +32,8 @@ def name_images(mesh: Mesh, style: Style) -> list[str]:
 
 
 def encode_images(mesh: Mesh, style: Style, numbers: Iterable[int]) -> dict[str, bytes]:
-    """Return the encoded images of the textures with these `numbers`, as file name -> content."""
+    """Return the encoded images of the textures with the indices `numbers`, as a mapping from file name to
+    content."""
     names = name_images(mesh, style)
     return {
         names[number]: encode_image(mesh.textures[number], style.texture, mesh.sampler)[0]
@@ -40,7 +42,7 @@ def encode_images(mesh: Mesh, style: Style, numbers: Iterable[int]) -> dict[str,
 
 
 def is_single_texel(image: NDArray[np.uint8], mesh: Mesh) -> bool:
-    """Return whether a texture of `mesh` is a single opaque texel.
+    """Return whether a texture of `mesh` consists of a single opaque texel.
 
     A material colour can replace a texture with a single texel.
     """
@@ -49,7 +51,7 @@ def is_single_texel(image: NDArray[np.uint8], mesh: Mesh) -> bool:
 
 
 def describe_counts(images: int, colors: int) -> list[str]:
-    """Return the numbers of images and material colours as text. Zero numbers are omitted."""
+    """Return texts with the numbers of images and of material colours. Zero numbers are omitted."""
     counts = {"texture": images, "material colour": colors}
     return [f"{count} {noun}{'' if count == 1 else 's'}" for noun, count in counts.items() if count]
 
@@ -60,7 +62,7 @@ def simplify_stem(style: Style) -> str:
 
 
 def encode_image(image: NDArray[np.uint8], kind: Picture, sampler: Sampler) -> tuple[bytes, Picture]:
-    """Return `image` (H, W, 3 | 4) as an image file, and the format.
+    """Return `image` (H, W, 3 | 4) as the bytes of an image file. Also return the format of the file.
 
     The format is PNG if JPEG would lose alpha. PNG keeps all channels. JPEG and WebP drop alpha if the
     sampler has no alpha cut-off.

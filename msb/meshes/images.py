@@ -106,7 +106,7 @@ def describe_lost_image(name: str, reason: str) -> str:
 
 def _read_texels(image: Image.Image, *, alpha: bool) -> NDArray[np.uint8]:
     """Return the texels (H, W, 3 | 4) of an opened image as uint8."""
-    if image.mode.startswith("I"):  # Pillow would clip 16-bit grey values instead of scaling them.
+    if image.mode.startswith("I"):  # Pillow would clip 16-bit grey values.
         grey = (np.asarray(image, np.uint32) * 255 + 32767) // 65535
         return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
     has_alpha = image.mode in ("LA", "PA", "RGBA") or "transparency" in image.info

@@ -16,7 +16,8 @@ from msb.meshes.source import Source
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 _EMBEDDED = re.compile(r"data:[^,]{0,200},", re.IGNORECASE)
-# The bytes of the linked files that were read. A key has the path and the largest number of bytes.
+# The bytes of the linked files that were read. A key consists of a path and the largest number of bytes to
+# read.
 Files = dict[tuple[Path, int | None], bytes]
 
 
@@ -74,7 +75,7 @@ def resolve_linked_path(source: Source, name: str, pointer: str) -> Path:
 
 
 def _explain_invalid_name(name: str) -> str | None:
-    """Return the reason why `name` cannot be a file in the folder or below.
+    """Return the reason why `name` is not a file in the folder of the mesh or below.
 
     Return None if the name is valid.
     """

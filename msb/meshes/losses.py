@@ -32,14 +32,15 @@ def list_dropped_features(asset: Asset) -> list[str]:
 
 
 def explain_split(suffix: str) -> str:
-    """Return the reason why files of `suffix` split merged vertices, and formats that do not."""
+    """Return the reason why files of `suffix` split merged vertices. Also name formats that keep vertices
+    merged."""
     soup = FORMATS[suffix].is_soup
     reason = "stores separate vertices for every face" if soup else "cannot store face colours"
     return f"{suffix} {reason}; use {_list_face_color_formats()} to keep vertices merged"
 
 
 def _list_face_color_formats() -> str:
-    """Return the suffixes of formats with face colours, as text."""
+    """Return a text with the suffixes of formats with face colours."""
     names = [name for name, form in FORMATS.items() if "face_colors" in form.keeps and form.write]
     return f"{', '.join(names)} or .triasset"
 
@@ -47,10 +48,10 @@ def _list_face_color_formats() -> str:
 def list_losses(
     mesh: Mesh, written: Mesh, suffix: str, left_out: Sequence[str], image_loss: str = ""
 ) -> Iterator[str]:
-    """Yield a note for each loss between `mesh` and `written`, the mesh in a file of `suffix`.
+    """The mesh `written` is stored in a file of `suffix`. Yield a note for each loss, compared with `mesh`.
 
     The argument `left_out` lists parts of the source that were already missing in `mesh`. The text
-    `image_loss` ends the sentence about textures that became vertex colours.
+    `image_loss` is appended to the note about textures that became vertex colours.
     """
     form = FORMATS[suffix]
     is_split = not np.array_equal(written.faces, mesh.faces)
@@ -70,7 +71,7 @@ def list_losses(
         yield f"{suffix} cannot store texture filtering and wrapping"
     if form.is_single:
         yield from _describe_coordinates(mesh, written, suffix)
-    # `left_out` contains UVs that belong to no texture. A GLB file still stores these UVs.
+    # `left_out` contains the names of UVs that belong to no texture. A GLB file still stores these UVs.
     lost = [part for part in left_out if part != "UVs" or not _has_uvs(written)]
     lost += form.list_lost(written) if form.list_lost else []
     lost += _list_lost_parts(mesh, written, suffix)
@@ -92,7 +93,7 @@ def _describe_coordinates(mesh: Mesh, written: Mesh, suffix: str) -> Iterator[st
 
 
 def _list_exact_formats() -> str:
-    """Return the suffixes of formats that store the coordinates of any mesh exactly, as text."""
+    """Return a text with the suffixes of formats that store the coordinates of any mesh exactly."""
     names = [name for name, form in FORMATS.items() if form.write and not form.is_single]
     return " or ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 # Rounding is measured at this number of faces, which are evenly spread over all faces.
 _SAMPLED_FACES = 200_000
-# A rounding error is reported if it exceeds this share of the size of a typical face. An error of this size
-# turns normals by 0.1 degrees.
+# Limit for reporting a rounding error, relative to the size of a typical face. At this limit, rounding turns
+# normals by 0.1 degrees.
 _SEEN = 1e-3
 
 
@@ -31,13 +31,14 @@ class Mesh:
     Parameters
     ----------
     vertices : (V, 3) float32 or float64
-        Positions in the precision of the file. Positions are in metres if the file states its unit, else in
-        the unit of the file. Unused vertices and non-finite coordinates are included.
+        Positions in the precision of the file. Positions are in metres if the file states its unit.
+        Otherwise, positions are in the unit of the file. Unused vertices and non-finite coordinates are
+        included.
     faces : (F, 3) int64
         Vertex indices as stored. Indices may be out of range (negative, or V and more), which an audit
         reports.
     vertex_colors : (V, 3) or (V, 4) uint8 or float32 in [0, 1], optional
-        None if the file has no vertex colours.
+        The value is None if the file has no vertex colours.
     face_colors : (F, 3) or (F, 4) uint8 or float32 in [0, 1], optional
         One row per triangle.
     vertex_uvs : (V, 2) float32, optional
@@ -46,25 +47,27 @@ class Mesh:
         Texture coordinates per face corner, for formats that store them per corner. A mesh has either
         `corner_uvs` or `vertex_uvs`.
     vertex_keys, corner_keys : (V,), (3F,) uint32, optional
-        A hash of the attributes of each vertex or corner that are not read, such as normals and tangents
-        (`msb.base.seam_keys.hash_attributes`). Seam keys explain duplicated vertices, and are not written.
+        For each vertex or corner, a hash of the attributes that the reader ignores, such as normals and
+        tangents (`msb.base.seam_keys.hash_attributes`). Seam keys explain duplicated vertices, and are not
+        written.
     corner_normals : (3F, 3) float32, optional
         Unit normals per face corner, for writing only (`msb.meshes.normals`).
     textures : tuple of (H, W, 3) or (H, W, 4) uint8
         sRGB images. The images are multiplied with the colours in linear light.
     face_textures : (F,) uint32, optional
-        The texture number of each face; None if there are fewer than two textures.
+        The texture index of each face. The value is None if there are fewer than two textures.
     sampler : Sampler
         Filter, wrap modes and alpha cut-off of the textures.
     left_out : tuple of str
         Parts of the file that were not read, such as "normals", "UVs" or "2 textures".
     up : str, optional
-        The axis that points up, such as "+y"; None if unknown.
+        The axis that points up, such as "+y". The value is None if the axis is unknown.
     meters_per_unit : float, optional
-        The length of the file's unit in metres, by which the positions were multiplied; None if unknown.
+        The length of the file's unit in metres. The positions were multiplied by this length. The value is
+        None if the unit is unknown.
     frame : Frame, optional
-        The precise up direction, the unit and the floor of the capture that the positions belong to. None if
-        only `up` is known.
+        The precise up direction, the unit and the floor of the capture that the positions belong to. The
+        value is None if only `up` is known.
     placement : Placement, optional
         The rotation and scale of the positions for a file (`msb.meshes.placement`).
     wrong_face : str, optional
@@ -111,9 +114,9 @@ class Mesh:
             _check(name, None if keys is None else keys[:, None], rows, (1,), (np.uint32,))
 
     def select(self, vertices: Any, faces: Any, numbers: NDArray[np.int64]) -> Mesh:
-        """Return the mesh with the selected rows of vertices and faces, given as masks or row indices.
+        """Return the mesh with the selected vertices and faces, which are given as masks or row indices.
 
-        The argument `numbers` (F', 3) contains the new `faces`, which index the selected vertices.
+        `numbers` (F', 3) becomes the new `faces`. The new faces contain indices of the selected vertices.
         """
         rows: dict[str, Any] = {"faces": numbers}
         by_face = ("face_colors", "face_textures")
@@ -128,7 +131,8 @@ class Mesh:
 
     @property
     def attributes(self) -> dict[str, NDArray[Any]]:
-        """Arrays whose differences split vertices at seams, by the names of `msb.topology.seams`."""
+        """Maps names of `msb.topology.seams` to arrays. Vertices are split at seams where the values of an
+        array differ."""
         stored = {"uv": self.vertex_uvs, "corner_uv": self.corner_uvs, "color": self.vertex_colors}
         stored |= {SEAM_KEY: self.vertex_keys, f"corner_{SEAM_KEY}": self.corner_keys}
         stored["face_texture"] = self.face_textures
@@ -137,7 +141,7 @@ class Mesh:
 
 
 def report_left_out(mesh: Mesh) -> tuple[Finding, ...]:
-    """Return the finding that lists unread parts of the file, if there are any."""
+    """If the file has unread parts, return the finding that lists these parts."""
     if not mesh.left_out:
         return ()
     text = f"Ignored: {', '.join(mesh.left_out)}. Only triangles, their colours and textures are read"
@@ -145,7 +149,8 @@ def report_left_out(mesh: Mesh) -> tuple[Finding, ...]:
 
 
 def report_origin(mesh: Mesh) -> tuple[Finding, ...]:
-    """Return findings about coordinates that are too precise for float32: the origin, and rounding errors."""
+    """Return findings about coordinates that are too precise for float32. The findings state the origin and
+    rounding errors."""
     origin = find_origin(mesh.vertices)
     findings = []
     if any(origin):
@@ -161,7 +166,8 @@ def report_origin(mesh: Mesh) -> tuple[Finding, ...]:
 
 
 def describe_rounding(mesh: Mesh, rounded: NDArray[Any]) -> str | None:
-    """Return the largest move of a vertex from `mesh` to `rounded` (V, 3) as text, or None."""
+    """Return the largest move of a vertex from `mesh` to `rounded` (V, 3) as text, or None if the move is too
+    small."""
     if rounded is mesh.vertices:
         return None
     faces = mesh.faces[:: max(1, len(mesh.faces) // _SAMPLED_FACES)]
@@ -183,8 +189,8 @@ def describe_rounding(mesh: Mesh, rounded: NDArray[Any]) -> str | None:
 def _check(
     name: str, array: NDArray[Any] | None, rows: int | None, widths: tuple[int, ...], types: tuple[type, ...]
 ) -> None:
-    """Raise MESH_ARRAY unless `array` has a valid shape and type: (`rows`, one of `widths`) and one of
-    `types`.
+    """Raise MESH_ARRAY unless `array` is valid. The valid shapes are (`rows`, one of `widths`), and the valid
+    types are `types`.
 
     If `rows` is None, the array must exist and may have any number of rows. If `rows` is given, the array may
     be None.

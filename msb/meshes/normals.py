@@ -13,7 +13,7 @@ CREASE = 45.0
 
 
 def with_smooth_normals(mesh: Mesh) -> Mesh:
-    """Return `mesh` with corner normals that are smooth on slightly bent surfaces and keep creases.
+    """Return `mesh` with corner normals. The normals are smooth on slightly bent surfaces and keep creases.
 
     The normal of a corner is an average over faces at the same place, weighted by area. The average includes
     faces whose normals differ by at most `CREASE` degrees from the normal of the corner's face. All vertices
@@ -50,7 +50,8 @@ def with_smooth_normals(mesh: Mesh) -> Mesh:
 def _round(normals: NDArray[np.float32]) -> NDArray[np.float32]:
     """Round the normals to 12 bits per coordinate, so that the corners of a smooth vertex are equal.
 
-    The corners of one vertex sum their normals in different orders, so the sums differ by rounding errors.
+    The normals at one vertex are added in a different order for each corner, so the sums differ by rounding
+    errors.
     """
     rounded: NDArray[np.float32] = np.round(normals * 2048) / np.float32(2048)
     return rounded

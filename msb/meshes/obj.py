@@ -24,13 +24,14 @@ from msb.meshes.source import Source
 from msb.meshes.text import Words, word_blocks
 from msb.meshes.writing import write_rows
 
-# Number of colour channels at the end of a `v` line, by the number of values in the line.
+# Number of colour channels in a `v` line. The key is the number of values in the line.
 _COLOR_WIDTHS = {6: 3, 7: 4}
 
 # Names of data that is not read, by the first word of the line.
 _LEFT_OUT = {b"vn": "normals", b"vt": "UVs", b"usemtl": "materials and their textures", b"l": "lines"}
 
-# First words of lines that are rejected: free-form surfaces, other files, and shell commands.
+# First words of lines that are rejected. Such lines contain free-form surfaces, other files or shell
+# commands.
 _UNSUPPORTED = (b"surf", b"call", b"csh")
 
 
@@ -114,7 +115,7 @@ def _add_vertices(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> 
     parts.vertices.append(values[first[:, None] + np.arange(3)])
     parts.vertex_count += len(widths)
     # Keep the colours of a block if its lines have equal numbers of channels. The colours are used if all
-    # blocks have the same number of channels.
+    # blocks have this number of channels.
     widths_here = {_COLOR_WIDTHS.get(width, 0) for width in np.unique(widths).tolist()}
     parts.color_widths |= widths_here
     if widths_here in ({3}, {4}):
@@ -181,7 +182,7 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     if not has_materials:
         write_rows(stream, form, faces)
         return
-    # Write a `usemtl` line where the material differs from the previous face.
+    # Write a `usemtl` line if the material differs from the material of the previous face.
     starts = np.flatnonzero(np.diff(of_face, prepend=-1)) if len(faces) else np.zeros(0, np.intp)
     for start, end in zip(starts, [*starts[1:], len(faces)], strict=True):
         stream.write(b"usemtl material_%d\n" % of_face[start])
@@ -201,7 +202,8 @@ def _index_coordinates(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.int6
 
 
 def companions(mesh: Mesh, style: Style) -> dict[str, bytes]:
-    """Return the additional files of an OBJ file as name -> content: the MTL file and its images."""
+    """Return the additional files of an OBJ file, as a mapping from name to content. These are the MTL file
+    and its images."""
     if not mesh.textures:
         return {}
     _, chosen, _ = choose_materials(mesh)

@@ -1,4 +1,4 @@
-"""Chooses the materials of a written OBJ file: images, and uniform colours as Kd."""
+"""Chooses the materials of a written OBJ file. A material has an image, or a uniform colour as Kd."""
 
 from dataclasses import dataclass, replace
 
@@ -10,16 +10,16 @@ from msb.meshes.colors import as_floats, linear_light
 from msb.meshes.image_files import describe_counts, is_single_texel
 from msb.meshes.mesh import Mesh
 
-# Largest number of passes over the faces. After this limit, the mesh keeps its vertex colours, because its
-# parts share many vertices.
+# Largest number of passes over the faces. If this number of passes is not enough, the mesh keeps its vertex
+# colours, because its parts share many vertices.
 _MAX_PASSES = 16
 
 
 @dataclass(frozen=True)
 class WrittenMaterial:
-    """A material has its sRGB colour Kd in [0, 1] and the number of its texture.
+    """A material has its sRGB colour Kd in [0, 1] and the index of its texture.
 
-    The number is None without a texture.
+    The index is None without a texture.
     """
 
     color: tuple[float, ...]
@@ -27,17 +27,18 @@ class WrittenMaterial:
 
 
 def choose_materials(mesh: Mesh) -> tuple[Mesh, list[WrittenMaterial], NDArray[np.int64]]:
-    """Return `mesh` in the form for writing, its materials, and the number (F,) of each face's material.
+    """Return `mesh` in the form for writing, its materials, and the index (F,) of each face's material.
 
     A texture of a single opaque texel becomes a colour. If all faces of such a texture have one vertex
-    colour, the material gets the product of both colours. The vertices then become white. Many programs
-    ignore vertex colours of textured meshes.
+    colour, the material gets the product of both colours. The vertex colours of these faces then become
+    white. Many programs ignore vertex colours of textured meshes.
     """
     textures = np.zeros(len(mesh.faces), np.int64)
     if mesh.face_textures is not None:
         textures = mesh.face_textures.astype(np.int64)
     plain = [number for number, image in enumerate(mesh.textures) if is_single_texel(image, mesh)]
-    # Find faces with a uniform vertex colour on a plain texture. `texels` has the colours of plain textures.
+    # Find faces with a uniform vertex colour and a texture of a single texel. `texels` contains the colours
+    # of these textures.
     texels = np.ones((len(mesh.textures), 3))
     for number in plain:
         texels[number] = as_floats(mesh.textures[number][0, 0, :3])
@@ -49,7 +50,7 @@ def choose_materials(mesh: Mesh) -> tuple[Mesh, list[WrittenMaterial], NDArray[n
     color = _multiply(texels[textures], tint)
     color[~is_uniform] = texels[textures[~is_uniform]]
     # If a file has no images, readers may ignore the material colour Kd in favour of vertex colours.
-    # Therefore a file without other images keeps its uniform textures as images.
+    # If no other texture is an image, the uniform textures are therefore also stored as images.
     needs_image = len(plain) == len(mesh.textures) and not is_uniform.all()
     stays = ~np.isin(textures, plain) | (~is_uniform & needs_image & (color != 1).any(axis=1))
     rows = np.column_stack((np.where(stays, textures, -1), np.where(stays[:, None], 1, color)))
@@ -64,7 +65,8 @@ def choose_materials(mesh: Mesh) -> tuple[Mesh, list[WrittenMaterial], NDArray[n
 
 
 def _find_uniform_faces(mesh: Mesh, is_plain: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return a mask (F,) of uniformly coloured, opaque, plain faces that share no vertex with other faces."""
+    """Return a mask (F,) of faces with uniform colour, an opaque texture of a single texel, and no vertex
+    shared with other faces."""
     assert mesh.vertex_colors is not None
     colors = mesh.vertex_colors[mesh.faces]
     is_uniform: NDArray[np.bool_] = is_plain & (colors == colors[:, :1]).all(axis=(1, 2))
@@ -92,7 +94,8 @@ def _multiply(texels: NDArray[np.float64], tint: NDArray[np.float32]) -> NDArray
 
 
 def _whiten(mesh: Mesh, faces: NDArray[np.int64]) -> Mesh:
-    """Return `mesh` with white vertices in `faces` (N, 3), and without vertex colours if all are white."""
+    """Return `mesh` with white vertices in `faces` (N, 3). If all vertices are white, omit the vertex
+    colours."""
     if mesh.vertex_colors is None:
         return mesh
     colors = mesh.vertex_colors.copy()

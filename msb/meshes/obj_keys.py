@@ -1,4 +1,4 @@
-"""Computes seam keys of OBJ files.
+"""Computes the seam keys of OBJ files.
 
 Seam keys are computed from normals and texture coordinates, and explain duplicated positions.
 """
@@ -18,10 +18,10 @@ from msb.meshes.text import Words, word_blocks
 
 
 def read_corner_keys(mesh: Mesh, text: Source, cut: Triangulation) -> NDArray[np.uint32] | None:
-    """Return the seam keys (3F,) of the corners of `mesh`, which was read from `text`, or None.
+    """Return the seam keys (3F,) of the corners of `mesh`, or None. The mesh was read from `text`.
 
-    The argument `cut` is the triangulation of the polygons. The keys only have an effect if two vertices
-    coincide. The result is None if normals or texture coordinates are malformed.
+    The argument `cut` is the triangulation of the polygons. The keys matter only if two vertices coincide.
+    The result is None if normals or texture coordinates are malformed.
     """
     with np.errstate(over="ignore"):
         places = np.ascontiguousarray(mesh.vertices.astype(np.float32) + np.float32(0))
@@ -36,8 +36,8 @@ def read_corner_keys(mesh: Mesh, text: Source, cut: Triangulation) -> NDArray[np
 
 def _read_keys(text: Source) -> NDArray[np.uint32] | None:
     """Return the hash (C,) of the normal and texture coordinates of each polygon corner."""
-    # Read the lines of normals and of texture coordinates, padded to three numbers. A corner without a line
-    # has the line number -1.
+    # Read the lines of normals and of texture coordinates, padded to three numbers. The line index is -1 for
+    # a corner without a line.
     values: dict[bytes, list[NDArray[np.float64]]] = {b"vt": [], b"vn": []}
     rows: dict[bytes, list[NDArray[np.int64]]] = {b"vt": [], b"vn": []}
     above = {b"vt": 0, b"vn": 0}
@@ -53,7 +53,7 @@ def _read_keys(text: Source) -> NDArray[np.uint32] | None:
             row[named] = part.indices(named, above[word] + np.cumsum(is_line), "element")
             rows[word].append(row[chosen])
             above[word] += int(is_line.sum())
-    # Compute `columns`, the values (C, 3) at each polygon corner. Corners without a line (-1) select the last
+    # Compute `columns`, the values (C, 3) at each polygon corner. Corners without a line (-1) get the last
     # row.
     columns = []
     for word, stored in values.items():

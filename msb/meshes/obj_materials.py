@@ -28,8 +28,8 @@ _MAX_FILES = 1 << 10
 # Longest `map_Kd` line in characters: the longest path in Linux.
 _MAX_LINE = 1 << 12
 _WHITE = (255, 255, 255)
-# Map options that have several arguments, with their largest number of arguments. The options `-o`, `-s` and
-# `-t` may have fewer arguments.
+# Map options with several arguments. The value is the largest number of arguments of the option. The options
+# `-o`, `-s` and `-t` may have fewer arguments.
 _OPTIONS = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}
 # The values of map options that leave the image unchanged.
 _NEUTRAL = {"-o": 0.0, "-t": 0.0, "-s": 1.0, "-clamp": "off", "-blendu": "on", "-blendv": "on"}
@@ -45,7 +45,7 @@ LeftOut = dict[str, None]
 
 @dataclass(frozen=True)
 class _Image:
-    """An image as named in the MTL file, and whether its alpha channel cuts holes."""
+    """An image: its name in the MTL file, and whether its alpha channel cuts holes."""
 
     name: str
     is_masked: bool
@@ -89,13 +89,13 @@ def names_materials(text: Source) -> bool:
 
 
 def with_materials(mesh: Mesh, text: Source, cut: Triangulation) -> tuple[Mesh, LeftOut]:
-    """Return `mesh`, which was read from `text`, with textures, and the names of unread data.
+    """Return `mesh` with textures, and the names of unread data. The mesh was read from `text`.
 
     The argument `cut` is the triangulation of the polygons.
 
-    A material becomes its image, or a single texel of its colour. Libraries and images that cannot be read
-    are skipped. A material without an image may lose its colour. The colour is lost if vertices have colours,
-    or if there are more than `MAX_TEXTURES` colours.
+    A material is replaced by its image, or by a single texel of its colour. Libraries and images that cannot
+    be read are skipped. A material without an image may lose its colour. The colour is lost if vertices have
+    colours, or if there are more than `MAX_TEXTURES` colours.
     """
     # Collect the `usemtl` statements with their byte offsets, and the names of the libraries.
     known: dict[str, _Material] = {}
@@ -139,7 +139,7 @@ def with_materials(mesh: Mesh, text: Source, cut: Triangulation) -> tuple[Mesh, 
 
 
 def with_coordinates(mesh: Mesh, text: Source, cut: Triangulation) -> Mesh:
-    """Return `mesh`, which was read from `text`, with texture coordinates at its corners."""
+    """Return `mesh` with texture coordinates at its corners. The mesh was read from `text`."""
     uvs, corners, _ = _read_coordinates(text)
     return replace(mesh, corner_uvs=uvs[corners[cut.order.reshape(-1)]])
 
@@ -156,7 +156,8 @@ def _with_textures(
     The argument `uses` lists the `usemtl` lines by byte offset, and their textures.
     """
     uvs, corners, lines = _read_coordinates(text)
-    # A polygon has the texture of the last preceding `usemtl` line. Number the textures that polygons use.
+    # A polygon has the texture of the last preceding `usemtl` line. Assign numbers to the textures that
+    # polygons use.
     used = np.searchsorted([at for at, _ in uses], lines, side="right") - 1
     numbers: dict[Texture, int] = {}
     of_use = [numbers.setdefault(uses[use][1], len(numbers)) for use in np.unique(used).tolist()]
@@ -178,7 +179,8 @@ def _with_textures(
 def _read_coordinates(
     text: Source,
 ) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64]]:
-    """Return the texture coordinates of an OBJ file, and the row of coordinates for each polygon corner.
+    """Return three arrays: the texture coordinates of an OBJ file, the rows of the corners, and the offsets
+    of the polygons.
 
     The first array has the texture coordinates (T + 1, 2), with v downwards. The last row of texture
     coordinates is for corners without coordinates. The second array (C,) has the coordinate row of each
@@ -189,8 +191,8 @@ def _read_coordinates(
         is_uv, is_face = words.lines_beginning(b"vt"), select_face_lines(words)
         uvs.append(_read_uvs(words, is_uv))
         chosen = words.arguments(is_face)
-        # A corner is "v", "v/vt", "v//vn" or "v/vt/vn". `named` is the second part of a corner, or -1 if it
-        # is empty.
+        # A corner is "v", "v/vt", "v//vn" or "v/vt/vn". `named` is the index in the second part of a corner,
+        # or -1 if this part is empty.
         named = words.after(b"/").without_suffix(b"/")
         has_uv = chosen & (named.end > named.start)
         rows = np.full(len(words.start), -1, np.int64)
@@ -228,7 +230,8 @@ def _decode_images(
 ) -> tuple[dict[_Image, _Image], dict[_Image, NDArray[np.uint8]]]:
     """Return the images that can be read, and the texels of these images.
 
-    If a file has several names, all names map to the first name. The texels also have this name as their key.
+    A file with several names is read once. Each name of the file is mapped to the first name. The keys of the
+    texels are these first names.
     """
     decoder, files, texels = Decoder(), set[Path](), {}
     firsts: dict[tuple[Path, bool], _Image] = {}
@@ -323,7 +326,8 @@ def _parse_cutoff(word: str) -> float:
 
 
 def _strip_options(words: str) -> tuple[str, bool]:
-    """Return the image name in a map_Kd line, and whether the line's options leave the image unchanged."""
+    """Return the image name in a map_Kd line. Also return whether the options of the line leave the image
+    unchanged."""
     is_plain = True
     while words.startswith("-"):
         option, _, words = words.partition(" ")
@@ -340,7 +344,7 @@ def _strip_options(words: str) -> tuple[str, bool]:
 
 
 def _decode_line(line: bytes) -> str:
-    """Return a line as text: decoded as UTF-8, or as Latin-1 if it is not valid UTF-8."""
+    """Return a line as text. Lines that are not valid UTF-8 are decoded as Latin-1."""
     try:
         text = line.decode()
     except UnicodeDecodeError:

@@ -80,7 +80,7 @@ def read(source: Source) -> Mesh:
 
 
 def _hash_unread(table: Table, header: _Header) -> NDArray[np.uint32] | None:
-    """Return the seam keys (V,) from normals and texture coordinates, or None if a file has neither."""
+    """Return the seam keys (V,) from normals and texture coordinates. Return None if a file has neither."""
     before, after = 3 * ("N" in header.prefixes), 2 * ("ST" in header.prefixes)
     if not (before or after) or not header.vertices:
         return None
@@ -94,8 +94,8 @@ def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
 
     Face colours follow the vertex indices of a face.
 
-    Coordinates are exact when the file is read again. uint8 colours are written as integers, float32 colours
-    as decimals.
+    Coordinates are exact when the file is read again. Colours of type uint8 are written as integers, and
+    float32 colours as decimals.
     """
     keyword = "OFF" if mesh.vertex_colors is None else "COFF"
     stream.write(f"{keyword}\n{len(mesh.vertices)} {len(mesh.faces)} 0\n".encode("ascii"))
@@ -140,7 +140,8 @@ def _read_header(text: Source) -> _Header:
 
 
 def _read_keyword(text: Source, content: bytes) -> tuple[frozenset[str], bytes]:
-    """Return the prefixes of "OFF" in the first line, and the rest of the line after the keyword."""
+    """Return the prefixes in the keyword of the first line, such as "C" in COFF. Also return the text after
+    the keyword."""
     keyword = _KEYWORD.fullmatch(content)
     if keyword is None:
         raise text.not_a("OFF", "the first word is not OFF, COFF, NOFF or STOFF")
@@ -155,7 +156,7 @@ def _read_keyword(text: Source, content: bytes) -> tuple[frozenset[str], bytes]:
 def _read_vertices(table: Table, header: _Header) -> tuple[NDArray[np.float64], NDArray[Any] | None]:
     """Return the vertices (V, 3) and their colours. Without colours, the second value is None.
 
-    A line has the position, then the optional normal, colour and texture coordinates.
+    A line contains the position, then the optional normal, colour and texture coordinates.
     """
     V = header.vertices
     begin = table.row[:V]

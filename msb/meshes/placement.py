@@ -20,12 +20,12 @@ from msb.errors import MsbError
 from msb.meshes.mesh import Mesh
 from msb.meshes.transform import rotate_axis, rotate_upright
 
-# Words before the JSON of a placement in comments of text files.
+# These words precede the JSON of a placement in comments of text files.
 MARK = "MeshSplatBench frame"
-# Key of the placement in `asset.extras` of glTF and in the layer data of USD.
+# The JSON key of the placement, in `asset.extras` of glTF and in the layer data of USD.
 KEY = "frame"
 _COMMENT = re.compile(rb"^(?:#|comment) " + MARK.encode() + rb" (\{[^\r\n]{1,2000}\})\r?$", re.MULTILINE)
-# Bytes at the start of a text file that are searched for the comment.
+# The comment is searched in this number of bytes at the start of a text file.
 _MOST_BYTES = 1 << 14
 # Largest magnitude of an entry of R R^T - I for a valid rotation matrix R.
 _MAX_ERROR = 1e-6
@@ -33,8 +33,8 @@ _MAX_ERROR = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """This placement maps the capture to the file by file = scale * rotation @ capture + offset, for column
-    vectors.
+    """This placement converts coordinates of the capture to the file: file = scale * rotation @ capture +
+    offset, for column vectors.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Placement:
         Units of the file per unit of the capture.
     offset : (3,) float64
     up : str, optional
-        The axis of the capture that points up; None if unknown.
+        The axis of the capture that points up. The value is None if the axis is unknown.
     frame : Frame, optional
         The known parts of the capture's frame.
     """
@@ -74,11 +74,11 @@ class Placement:
 
 
 def place(mesh: Mesh, *, is_upright: bool) -> Mesh:
-    """Return a mesh in the form for a file.
+    """Return a mesh in the form that is written to a file.
 
-    The mesh is in metres if its unit is known. If `is_upright`, +y is up. The argument `mesh` is in the
-    coordinates of the capture. The written mesh has a `placement` if it differs from `mesh`, or if a unit is
-    recorded.
+    The mesh is in metres if its unit is known. If `is_upright`, rotate the mesh so that +y is up. The
+    argument `mesh` is given in the coordinates of the capture. The written mesh has a `placement` if it
+    differs from `mesh`, or if a unit is recorded.
     """
     frame = mesh.frame or Frame()
     up = frame.up if frame.up is not None else (None if mesh.up is None else parse_up(mesh.up))
@@ -92,8 +92,8 @@ def place(mesh: Mesh, *, is_upright: bool) -> Mesh:
         return mesh
     axis = mesh.up if up is None else nearest_axis(up)
     if rotates and up is not None:
-        # An axis only swaps and negates coordinates, which is exact. Directions other than axes use the
-        # smallest rotation.
+        # If the up direction is an axis, coordinates are only swapped and negated, which is exact. For all
+        # other directions, the smallest rotation is used.
         columns = rotate_axis(np.eye(3), axis or "+y") if is_axis(up) else _rotate_to_y(np.array(up)).T
         rotation = np.ascontiguousarray(columns.T)
     else:
@@ -144,7 +144,8 @@ def take_back(mesh: Mesh, data: Any) -> Mesh:
 
 
 def find_comment(data: bytes) -> Any:
-    """Return the JSON data of the placement in the comments of a text file, or None."""
+    """Return the JSON data of the placement in the comments of a text file. Return None if there is no such
+    comment."""
     match = _COMMENT.search(data[:_MOST_BYTES])
     if match is None:
         return None

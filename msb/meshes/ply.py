@@ -33,8 +33,8 @@ _KNOWN = {"nx": "normals", "ny": "normals", "nz": "normals", **dict.fromkeys(_UV
 def read(source: Source) -> Mesh:
     """Read the vertex and face elements. Other elements and properties are skipped.
 
-    Vertices are float32 if a binary file stores x, y and z as float, else float64. Text is always read as
-    float64 and keeps all digits, independent of the declared type.
+    Vertices are float32 if a binary file stores x, y and z as float. Otherwise, vertices are float64. Text is
+    always read as float64 and keeps all digits, independent of the declared type.
     """
     header = read_header(source)
     _check_elements(source, header)
@@ -77,7 +77,7 @@ def read(source: Source) -> Mesh:
 def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
     """Write binary little-endian PLY. Vertices and colours keep their number types.
 
-    Indices are `int`, which every reader supports, unless there are too many vertices.
+    Indices are `int`, which every reader supports. If there are too many vertices, indices are `uint`.
     """
     coordinate = "double" if mesh.vertices.dtype == np.float64 else "float"
     index = "int" if len(mesh.vertices) <= _MAX_INT else "uint"
@@ -107,7 +107,8 @@ def _write_records(
 ) -> None:
     """Write all rows in binary form.
 
-    A row has the list count, then `values` (N, 3), then `colors` (N, 3 | 4). A count of None is omitted.
+    A row contains the list count, then `values` (N, 3), then `colors` (N, 3 | 4). If the count is None, rows
+    have no list count.
     """
     fields: list[tuple[Any, ...]] = [("values", kind, 3)]
     if count is not None:
@@ -126,7 +127,7 @@ def _write_records(
 
 
 def _hash_unread(vertices: Rows, body: Body, read: set[str]) -> NDArray[np.uint32] | None:
-    """Return the seam keys (V,) from the vertex properties that are not in `read`.
+    """Return the seam keys (V,). The keys are computed from the vertex properties that are not in `read`.
 
     Return None if all properties are in `read`.
     """

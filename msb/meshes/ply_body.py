@@ -1,8 +1,8 @@
 """Finds the rows of each element in the body of a PLY file, and reads a property of all rows at once.
 
 Offsets count bytes in a binary body and numbers in a text body. The properties of a row follow each other
-without gaps. The offset of a property is the offset of its row plus the widths of the properties before it.
-The offsets of a property are computed for all rows at once.
+without gaps. The offset of a property is the sum of the row's offset and the widths of all preceding
+properties. The offsets of a property are computed for all rows at once.
 """
 
 import struct
@@ -43,7 +43,7 @@ class Body(Protocol):
     def _after(self, place: NDArray[np.int64], wanted: Property) -> NDArray[np.int64]:
         """Return the offset (N,) after a property at offset `place` (N,).
 
-        In a text body, an invalid list length gives an offset beyond the table. `next_rows` then rejects the
+        An invalid list length in a text body gives an offset beyond the table. `next_rows` then rejects the
         row.
         """
 
@@ -54,18 +54,19 @@ class Body(Protocol):
         """Raise MESH_FILE_INVALID if data follows after the last element."""
 
     def column(self, rows: Rows, name: str) -> NDArray[Any]:
-        """Return the values (N,) of a scalar property: float64 for text, else the type in the file."""
+        """Return the values (N,) of a scalar property. The values are float64 for text, and have the type in
+        the file for binary data."""
 
     def indices(self, rows: Rows, name: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the lengths (N,) and the concatenated integers (C,) of a list property."""
+        """Return the lengths (N,) of a list property in all rows, and the concatenated integers (C,)."""
 
     def numbers(self, rows: Rows, name: str) -> tuple[NDArray[np.int64], NDArray[Any]]:
-        """Return the lengths (N,) and the concatenated numbers (C,) of a list property."""
+        """Return the lengths (N,) of a list property in all rows, and the concatenated numbers (C,)."""
 
     def wrong_face(self, rows: Rows, row: int, index: int, vertices: int) -> str | None:
-        """Return the text for `Mesh.wrong_face` about the row with the invalid vertex `index`.
+        """Return the text for `Mesh.wrong_face` about a row with the invalid vertex `index`.
 
-        The result is None for binary files, because binary files have no line numbers.
+        The result is None for binary files, which have no line numbers.
         """
         return None
 
@@ -139,14 +140,14 @@ class _BinaryBody(Body):
         data = self._source.data
         if not place.size:
             return np.zeros(0, dtype=kind)
-        # Create a view in which every byte of the file starts a value, and select the values at `place`.
+        # Create a view with a value at every byte of the file, then select the values at `place`.
         overlapping = np.ndarray((len(data) - width + 1,), self._order + kind, data, strides=(1,))
         return overlapping[place].astype(kind)
 
     def _common_row_size(self, element: Element) -> int | None:
-        """Return the size of a row in bytes if all rows have equal list lengths, else None."""
+        """If all rows have equal list lengths, return the size of a row in bytes. Otherwise return None."""
         data, start, at = self._source.data, self._at, self._at
-        # Measure the first row: the offset, length and count type of its lists.
+        # Measure the first row: the offset, the length and the count type of each list.
         lists: list[tuple[int, int, str]] = []
         for entry in element.properties:
             if not entry.count_type:
@@ -270,10 +271,10 @@ def _width(kind: str) -> int:
 
 
 def _describe_rows(element: Element, order: str) -> tuple[list[tuple[int, struct.Struct, int]], int]:
-    """Return the layout of a row: its lists, and the bytes after the last list.
+    """Return the layout of a row: the layouts of its lists, and the number of bytes after the last list.
 
-    The layout of a list has three entries. The entries are the number of preceding bytes, the struct of the
-    count, and the bytes per item.
+    Each list is described by the number of preceding bytes, the struct of the count, and the number of bytes
+    per item.
     """
     lists, gap = [], 0
     for entry in element.properties:

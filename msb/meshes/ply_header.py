@@ -18,10 +18,10 @@ _NAMES = {
     "f4": "float float32",
     "f8": "double float64",
 }
-# NumPy types, without byte order, by type names of both styles ("uchar" and "uint8").
+# Maps type names of both styles ("uchar" and "uint8") to NumPy types without byte order.
 TYPES = {name: kind for kind, names in _NAMES.items() for name in names.split()}
 
-# NumPy byte orders, by PLY format. Text has none.
+# Maps PLY formats to NumPy byte orders. Text has none.
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 # Largest header in bytes. Usual headers have a few thousand bytes. The size limit ends the search if
@@ -35,8 +35,8 @@ _COUNT = re.compile(r"\d{1,18}")
 class Property:
     """A property.
 
-    The field `type` is a value of `TYPES`. The field `count_type` is a value of `TYPES` for a list, and empty
-    for a scalar.
+    The field `type` is a value of `TYPES`. The field `count_type` is a value of `TYPES` for a list, and an
+    empty text for a scalar.
     """
 
     name: str

@@ -50,7 +50,7 @@ def read_ply_names(path: Path) -> tuple[tuple[str, ...], bool]:
 def read_ply_table(path: Path) -> PlyTable:
     """Read a PLY file whose element "vertex" has only scalars, and whose other elements are empty.
 
-    A binary file is memory-mapped, and its columns are views of the mapping.
+    A binary file is memory-mapped. Its columns are views of the mapped memory.
     """
     tables, _, source = _read_tables(path)
     if [name for name, table in tables.items() if table.count] != ["vertex"]:
@@ -62,7 +62,8 @@ def read_ply_table(path: Path) -> PlyTable:
 
 
 def read_ply_tables(path: Path) -> tuple[dict[str, PlyTable], tuple[str, ...]]:
-    """Return the elements of a PLY file without lists as tables by name, and the header's comments."""
+    """Return the elements of a PLY file without lists, as tables by name. Also return the comments of the
+    header."""
     tables, header, _ = _read_tables(path)
     return tables, header.comments
 
@@ -110,7 +111,7 @@ def _read_text(source: Source, header: Header) -> dict[str, PlyTable]:
 
 
 def _open(path: Path) -> tuple[memoryview, Header, Source]:
-    """Map a PLY file into memory. Return its bytes, its header, and the source for errors."""
+    """Map a PLY file into memory. Return the mapped bytes, the header, and the source for errors."""
     data = memoryview(map_file(Path(path)))
     source = Source(str(path), bytes(data[: MAX_HEADER_BYTES + 1]))
     if not data:

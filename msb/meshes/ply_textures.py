@@ -18,8 +18,8 @@ from msb.meshes.ply_header import Element, Header
 from msb.meshes.polygons import Triangulation
 from msb.meshes.source import Source
 
-# Names of properties: the texture coordinates of a vertex, and the coordinate list and image number of a
-# face.
+# Names of properties. A vertex has texture coordinates, and a face has a list of coordinates and an image
+# index.
 _PAIRS = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
 _LIST, _NUMBER = "texcoord", "texnumber"
 _WHITE = np.full((1, 1, 3), 255, np.uint8)
@@ -44,7 +44,7 @@ def with_textures(
     counts: NDArray[np.int64],
     cut: Triangulation,
 ) -> Mesh:
-    """Return `mesh` with its texture coordinates, and with the `images` that its header names.
+    """Return `mesh` with its texture coordinates and with the `images` named in the header.
 
     The argument `rows` contains the rows of the elements for vertices and faces. The argument `counts` (N,)
     is the number of corners of each polygon. The argument `cut` contains the triangles of the polygons. In a
@@ -97,9 +97,9 @@ def _turn(uvs: NDArray[np.generic]) -> NDArray[np.float32]:
 
 
 def _read_numbers(body: Body, faces: Rows, images: int) -> NDArray[np.int64]:
-    """Return the number (N,) of the image of each polygon.
+    """Return the image index (N,) of each polygon.
 
-    An invalid image number is replaced by `images`, the number of images.
+    An invalid image index is replaced by `images`, the number of images.
     """
     entry = faces.element.find(_NUMBER)
     if images == 1 or entry is None or entry.count_type:
@@ -111,7 +111,7 @@ def _read_numbers(body: Body, faces: Rows, images: int) -> NDArray[np.int64]:
 def _with_images(mesh: Mesh, source: Source, images: tuple[str, ...], numbers: NDArray[np.int64]) -> Mesh:
     """Return `mesh` with the images that its faces use.
 
-    The argument `numbers` (F,) contains the image numbers of the faces.
+    The argument `numbers` (F,) contains the image indices of the faces.
     """
     used, of_face = np.unique(numbers, return_inverse=True)
     if len(used) > MAX_TEXTURES:

@@ -7,19 +7,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# A fan triangle is reversed if its negative area exceeds this share of the area of the polygon. Rounded
-# coordinates of a convex polygon cause smaller negative areas.
+# A fan triangle counts as reversed if its area is negative. The magnitude, relative to the area of the
+# polygon, must exceed this limit. Smaller negative areas are caused by rounding of the coordinates of convex
+# polygons.
 _AREA_TOLERANCE = 1e-6
 # Rounding error of areas for float32 coordinates, relative to the squared size of a polygon.
 _ROUNDING = 4e-7
 # Limit of the work for cutting ears. The work is the sum of the squared numbers of corners of all polygons.
 # The limit is `_WORK` plus `_WORK_PER_CORNER` for each polygon corner of the file. Polygons beyond the limit
-# become triangle fans. In a small file, outlines of up to 2,048 corners are triangulated, which takes a
-# second.
+# become triangle fans. With these limits, outlines of up to 2,048 corners are triangulated in a small file.
+# This takes a second.
 _WORK, _WORK_PER_CORNER = 1 << 22, 64
 # Number of array elements (polygons x corners) that are processed at a time.
 _CELLS_AT_A_TIME = 1 << 20
-# Score of a corner that is not an ear, and score of a removed corner.
+# A corner that is not an ear has the first score. A removed corner has the second score.
 _NO_EAR, _GONE = -1.0, -2.0
 
 Floats = NDArray[np.float64]
@@ -29,7 +30,7 @@ Point = tuple[Floats, Floats]
 
 @dataclass(frozen=True)
 class Triangulation:
-    """The triangles of polygons, whose corners are stored one after the other.
+    """The triangles of polygons. The corners of all polygons are stored one after the other.
 
     Attributes
     ----------
@@ -67,9 +68,9 @@ def triangulate(points: NDArray[Any], corners: NDArray[np.int64], counts: NDArra
     polygon with n corners gives n - 2 triangles. Polygons with fewer than three corners are dropped.
 
     Usually a polygon becomes the triangle fan (0, 1, 2), (0, 2, 3), ... around its first corner. The fan of a
-    convex polygon has no reversed triangle. If a fan triangle is reversed, the polygon is cut by removing
-    ears. The polygon is first projected along its normal, computed by Newell's method. A polygon that crosses
-    itself stays a fan. A polygon with invalid vertices also stays a fan.
+    convex polygon has no reversed triangle. If a triangle of the fan is reversed, ears are cut from the
+    polygon instead. The polygon is first projected along its normal, computed by Newell's method. Polygons
+    that cross themselves or have invalid vertices stay triangle fans.
     """
     order, polygon = _make_fans(counts)
     if np.all(counts <= 3):
@@ -109,7 +110,8 @@ def fan_triangulate(corners: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _make_fans(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the fans of all polygons: the corner positions (F, 3), and the polygon (F,) of each triangle."""
+    """Return the fans of all polygons. The result has the corner positions (F, 3) and the polygon index (F,)
+    of each triangle."""
     if np.all(counts == 3):
         return np.arange(3 * len(counts)).reshape(-1, 3), np.arange(len(counts))
     triangles = np.maximum(counts - 2, 0)
@@ -157,16 +159,16 @@ def _judge_fans(placed: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     reversed triangles. The second mask selects polygons that cross themselves.
     """
     with np.errstate(all="ignore"):
-        # Compute `across` (3, P, n - 2), twice the area of each fan triangle along its normal. The sum over
+        # Compute `across` (3, P, n - 2): twice the area of each fan triangle, along its normal. The sum over
         # the triangles is the normal of the polygon by Newell's method.
         a, b = placed[..., 1:-1], placed[..., 2:]
         across = _cross(a, b)
         normal = across.sum(axis=2)
         area = np.sqrt((normal**2).sum(axis=0))
-        # A triangle is reversed if its normal points the other way.
+        # A triangle is reversed if its normal is opposite to the normal of the polygon.
         unit = normal / np.where(area > 0, area, 1)
         is_turned = (across * unit[..., None]).sum(axis=0).min(axis=1) < -_AREA_TOLERANCE * area - _ROUNDING
-        # A polygon without a normal has no area, or its triangles cancel each other.
+        # If the polygon has no normal, its area is zero, or its triangles cancel each other.
         length = np.sqrt((across**2).sum(axis=0))
         total = length.sum(axis=1)
         is_covered = (area < _AREA_TOLERANCE * total) & (total > _ROUNDING)
@@ -180,10 +182,10 @@ def _judge_fans(placed: Floats) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 def _make_batches(
     concave: NDArray[np.int64], counts: NDArray[np.int64], work: int
 ) -> Iterator[tuple[NDArray[np.int64], int]]:
-    """Yield groups of the polygons `concave` (P,), each with a width.
+    """Yield groups of the polygons `concave` (P,), and the width of each group.
 
-    No polygon of a group has more corners than the width of the group. Small polygons come first. Polygons
-    beyond the limit `work` are not in any group.
+    The width is the largest number of corners of a polygon in the group. Small polygons come first. Polygons
+    beyond the limit `work` are left out.
     """
     by_size = np.argsort(counts, kind="stable")
     width = 1 << np.ceil(np.log2(counts[by_size])).astype(np.int64)
@@ -196,7 +198,7 @@ def _make_batches(
 
 
 def _project(placed: Floats) -> tuple[Floats, Floats]:
-    """Return two of three coordinates, each (P, M), of polygons (3, P, M).
+    """Drop one of the three coordinates of polygons (3, P, M). Return the other two coordinates, each (P, M).
 
     The returned polygons are counter-clockwise. The coordinate axis with the largest component of the normal
     is dropped.
@@ -204,7 +206,7 @@ def _project(placed: Floats) -> tuple[Floats, Floats]:
     normal = _cross(placed[..., :-1], placed[..., 1:]).sum(axis=2)
     axis = np.argmax(np.abs(normal), axis=0)
     every = np.arange(len(axis))
-    # axes (2, P): the two axes after the dropped axis, in cyclic order. The two axes are swapped if the
+    # axes (2, P): the two axes that follow the dropped axis in cyclic order. The two axes are swapped if the
     # normal's component along the dropped axis is negative.
     axes = np.stack(((axis + 1) % 3, (axis + 2) % 3))
     is_down = normal[axis, every] < 0
@@ -263,7 +265,8 @@ class _Ring:
         return cls(x, y, before, after, number < counts[:, None])
 
     def remove(self, corner: NDArray[np.int64], before: NDArray[np.int64], after: NDArray[np.int64]) -> None:
-        """Remove one corner (P,) of each polygon, between its neighbours `before` and `after` (P,)."""
+        """Remove one corner (P,) of each polygon. The corner lies between its neighbours `before` and `after`
+        (P,)."""
         every = np.arange(len(corner))
         self.after[every, before] = after
         self.before[every, after] = before
@@ -275,19 +278,19 @@ class _Ring:
         return _area(*((self.x[every, corner], self.y[every, corner]) for corner in corners))
 
     def score(self, corner: NDArray[np.int64]) -> Floats:
-        """Return the shape of the triangle at one corner (P,) of each polygon, or `_NO_EAR`.
+        """Return a score for the triangle at one corner (P,) of each polygon, or `_NO_EAR`.
 
-        The shape is the area divided by the sum of squared sides. An ear contains no other corner of the
-        polygon, not even on its sides. Corners that coincide with a corner of the ear are ignored. Coinciding
-        corners exist where a cut joins a hole to the outline. An ear is invalid if another side of the
-        polygon leads from the tip of the ear into its triangle.
+        The score is the area divided by the sum of squared side lengths. A triangle is only an ear if it
+        contains no other corner of the polygon, not even on its sides. Ignore corners that coincide with a
+        corner of the ear. Coinciding corners exist where a cut joins a hole to the outline. A triangle is not
+        an ear if another side of the polygon leads from the tip into the triangle.
         """
         every = np.arange(len(corner))
         before, after = self.before[every, corner], self.after[every, corner]
         a, b, c = ((self.x[every, at], self.y[every, at]) for at in (before, corner, after))
         area = _area(a, b, c)
         is_ear = (area >= 0) & self.is_left[every, corner]
-        # Candidates (N,) are the corners in the bounding box of a triangle, with the numbers of their
+        # Candidates (N,) are the corners in the bounding box of a triangle, with the indices of their
         # polygons.
         is_near = self.is_left & is_ear[:, None]
         for values, axis in ((self.x, 0), (self.y, 1)):
@@ -313,7 +316,7 @@ class _Ring:
         return np.where(is_ear, area / np.where(squares > 0, squares, 1), _NO_EAR)
 
     def _sides(self, *corners: NDArray[np.int64]) -> list[tuple[Point, Point]]:
-        """Return the ends of the sides of one triangle per polygon."""
+        """For one triangle per polygon, return both ends of each side."""
         every = np.arange(len(self.x))
         a, b, c = ((self.x[every, corner], self.y[every, corner]) for corner in corners)
         return [(a, b), (b, c), (c, a)]
@@ -325,7 +328,8 @@ class _Ring:
         high = [np.maximum(*pair) for pair in ((self.x, ends[0]), (self.y, ends[1]))]
         crosses = np.zeros(len(self.x), bool)
         for side in range(self.x.shape[1]):
-            # Compare the side (a, b) of each polygon with the sides (c, d) whose bounding boxes touch it.
+            # Compare the side (a, b) of each polygon with the sides (c, d). Only sides with touching bounding
+            # boxes are compared.
             is_near = self.is_left & self.is_left[:, side, None]
             for axis in (0, 1):
                 is_near &= low[axis] <= high[axis][:, side, None]
@@ -351,7 +355,7 @@ def _area(a: Point, b: Point, c: Point) -> Floats:
 def find_wrong_polygon(
     faces: NDArray[np.int64], polygon: NDArray[np.int64], vertices: int
 ) -> tuple[int, int] | None:
-    """Return the first polygon with a vertex index outside 0..`vertices` - 1, and the index.
+    """Return the first polygon with an invalid vertex index (outside 0..`vertices` - 1), and this index.
 
     Return None if all indices are valid. The arguments `faces` (F, 3) and `polygon` (F,) are the triangles
     and polygons of a `Triangulation`.
@@ -366,8 +370,8 @@ def find_wrong_polygon(
 def join_faces(parts: Iterable[NDArray[np.int64]], counts: Sequence[int]) -> NDArray[np.int64]:
     """Concatenate the faces of several parts, renumbered for the concatenated vertices.
 
-    The argument `counts` contains the numbers of vertices of the parts. An invalid index of a part is changed
-    to an index that is invalid in the result.
+    The argument `counts` contains the numbers of vertices of the parts. If an index of a part is invalid, the
+    index is replaced by an index that is invalid in the result.
     """
     total, base, joined = sum(counts), 0, []
     for faces, count in zip(parts, counts, strict=True):

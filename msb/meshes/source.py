@@ -22,7 +22,8 @@ class Source:
     data : bytes
         The content.
     lines : bytes, optional
-        The text for counting lines, if `data` is a modified copy of it. The copy has the same length.
+        The original text for counting lines, if `data` is a modified copy of the text. The copy has the same
+        length.
     images : bool
         Whether texture images are decoded.
     """
@@ -52,14 +53,14 @@ class Source:
     def wrong_index(self, byte: int, index: int, vertices: int, *, first: int = 0) -> str:
         """Return the text for `Mesh.wrong_face` for the face in the line at byte offset `byte`.
 
-        The argument `index` is the invalid vertex index, counted from 0. The file counts vertices from
-        `first`.
+        The argument `index` is the invalid vertex index. Indices start at 0. In the file, vertices are
+        counted from `first`.
         """
         valid = f"valid are {first} to {vertices - 1 + first}" if vertices else "the file has no vertices"
         return f"{self.line(byte)}: a face uses vertex {index + first}; {valid}"
 
     def looks_like(self) -> Format | None:
-        """Return the format whose signature the content begins with, or None."""
+        """If the content begins with the signature of a format, return the format. Otherwise return None."""
         formats = FORMATS.values()
         return next((form for form in formats if form.begins and form.begins.match(self.data)), None)
 
@@ -77,8 +78,8 @@ class Source:
     def as_text(self, name: str) -> Source:
         """Return the file as text of the format `name`.
 
-        LF replaces other line ends, and spaces replace a byte order mark. The length does not change, so byte
-        and line numbers in messages are valid for the file.
+        Other line ends are replaced by LF, and a byte order mark by spaces. The length does not change, so
+        byte and line numbers in messages are valid for the file.
         """
         data = self.data
         at = data.find(b"\0")

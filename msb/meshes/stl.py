@@ -32,9 +32,8 @@ _FACE_CODES = [_CODES[keyword] for keyword in _LINES]
 def read(source: Source) -> Mesh:
     """Read a binary or text STL file. Several solids are concatenated. Normals and attributes are ignored.
 
-    Vertices of text files are also float32, unless they need an origin. The precision float64 would change
-    the areas of published files by 2e-8. The mesh has 3F vertices, and the faces are (0, 1, 2), (3, 4, 5),
-    and so on.
+    Vertices of text files are also float32, unless they need an origin. With float64, the areas of published
+    files would change by 2e-8. The mesh has 3F vertices, and the faces are (0, 1, 2), (3, 4, 5), and so on.
     """
     data = source.data
     declared = struct.unpack_from("<I", data, 80)[0] if len(data) >= _HEADER_BYTES else 0
@@ -91,7 +90,8 @@ def _read_text(text: Source) -> NDArray[Any]:
 
 
 def _classify_lines(words: Words) -> NDArray[np.uint8]:
-    """Return the code of the first word of each line (L,). The code is 0 if the word is not a keyword."""
+    """Return a keyword code for each line (L,). The code depends on the first word of the line. The code is 0
+    if the word is not a keyword."""
     codes = np.zeros(len(words.first), dtype=np.uint8)
     for keyword, code in _CODES.items():
         codes[words.lines_beginning(keyword)] = code
@@ -115,7 +115,7 @@ def _check_order(text: Source, codes: NDArray[np.uint8], places: NDArray[np.int6
     offsets of the lines.
     """
     between = codes >= _CODES[b"solid"]
-    # Every face must consist of these lines in this order, except for "solid" and "endsolid" lines.
+    # Except for "solid" and "endsolid" lines, every face must consist of these lines in this order.
     in_faces = np.flatnonzero(~between)
     expected = np.resize(_FACE_CODES, len(in_faces))
     wrong = in_faces[codes[in_faces] != expected]

@@ -1,7 +1,7 @@
 """Vectorised parsing of words and numbers in text files, block by block.
 
-A file is split into blocks of whole lines, so that temporary arrays stay small for large files. Bytes are not
-decoded: names and comments may be in any encoding.
+A file is split into blocks of whole lines, so that temporary arrays stay small for large files. Names and
+comments may have any encoding, so bytes are not decoded.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ EXACT_INTEGER = 2**53
 
 _IS_SPACE = np.isin(np.arange(256), list(b" \t\n\r\v\f"))
 _IS_FRACTION = np.isin(np.arange(256), list(b".eEnN"))
-# A number. The possessive quantifiers (++, *+) never backtrack. Therefore a million digits with a letter at
-# the end are rejected in linear time.
+# A number. The possessive quantifiers (++, *+) never backtrack. A million digits with a letter at the end are
+# therefore rejected in linear time.
 _NUMBER = re.compile(rb"[+-]?((\d++\.?\d*+|\.\d++)(e[+-]?\d++)?|inf|infinity|nan(\(\w*+\))?)", re.IGNORECASE)
 
 
@@ -38,7 +38,7 @@ class Words:
     Parameters
     ----------
     source : Source
-        The file, for messages.
+        The file, which messages name.
     base : int
         Offset of the block in the file, in bytes.
     text : (B,) uint8
@@ -70,13 +70,13 @@ class Words:
         return mask
 
     def arguments(self, lines: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return a mask (T,) of all words except the first word in the selected lines (L,)."""
+        """Return a mask (T,) of the words in the selected lines (L,), without the first word of each line."""
         mask = np.repeat(lines, self.count)
         mask[self.first] = False
         return mask
 
     def without_suffix(self, separator: bytes) -> Words:
-        """Return the words, each truncated before its first `separator` (one byte)."""
+        """Return the words. Each word is truncated before its first `separator` (one byte)."""
         return replace(self, end=np.minimum(self.end, self._next(separator)))
 
     def after(self, separator: bytes) -> Words:
@@ -109,9 +109,9 @@ class Words:
     def indices(self, chosen: NDArray[np.bool_], above: NDArray[np.int64], of: str) -> NDArray[np.int64]:
         """Return the selected words (T,) as zero-based OBJ indices.
 
-        In the file, positive indices count from 1. Negative indices count backwards. The index -1 is the last
-        element above the line. The argument `above` (L,) is the number of elements above each line. Messages
-        call the elements `of`.
+        In the file, positive indices count from 1. Negative indices count backwards. The index -1 means the
+        last element above the line. The argument `above` (L,) is the number of elements above each line.
+        Messages use `of` as the name of the elements.
         """
         values = self.numbers(chosen)
         at = find_not_whole(values)
@@ -128,7 +128,7 @@ class Words:
         raise self.source.line_error("MESH_FILE_INVALID", byte, f"index {values[at]:.15g} {why}")
 
     def has_fraction(self) -> NDArray[np.bool_]:
-        """Return a mask (T,) of words that are not plain integers, such as 1.0, 1e3 or nan."""
+        """Return a mask (T,) of the words that are not plain integers. Examples are 1.0, 1e3 and nan."""
         marks = np.append(0, np.cumsum(_IS_FRACTION[self.text]))
         return marks[self.end] > marks[self.start]
 
@@ -170,13 +170,13 @@ class Table:
     Parameters
     ----------
     source : Source
-        The file, for messages.
+        The file, which messages name.
     values : (T,) float64
         The numbers.
     row : (R + 1,) int64
-        Offset in `values` of each line's first number, followed by T.
+        Offset in `values` of the first number of each line. The last entry is T.
     byte : (R,) int64
-        Offset in the file of each line's first word, in bytes.
+        Offset in the file of the first word of each line, in bytes.
     has_fraction : (T,) bool
         Whether each number is written as 1.0, 1e3 or nan, and not as a plain integer.
     """
@@ -194,7 +194,7 @@ class Table:
     def integers(self, places: NDArray[np.int64], what: str) -> NDArray[np.int64]:
         """Return the `values` at `places` as integers, in the shape of `places`.
 
-        The text `what` names the values in the error for a value that is not an integer.
+        If a value is not an integer, the error names the values with the text `what`.
         """
         values = self.values[places]
         bad = find_not_whole(values.ravel())
@@ -226,7 +226,7 @@ def read_table(source: Source, start: int, *, comments: bool = False) -> Table:
 
 
 def find_not_whole(values: NDArray[np.float64]) -> int | None:
-    """Return the index of the first of `values` (T,) that is not an exact integer, or None."""
+    """Return the index of the first value in `values` (T,) that is not an exact integer, or None."""
     bad = np.flatnonzero(~((values == np.floor(values)) & (np.abs(values) <= EXACT_INTEGER)))
     return int(bad[0]) if bad.size else None
 
@@ -240,7 +240,7 @@ def _split_words(source: Source, start: int, end: int, comments: bool) -> Words:
     line_end = text == ord("\n")
     if comments:
         text = _blank_comments(text, line_end)
-    # Words begin and end where the mask of white space changes.
+    # Find the changes between white space and text, at which words begin and end.
     space = np.ones(len(text) + 2, dtype=np.bool_)
     space[1:-1] = _IS_SPACE[text]
     edges = np.flatnonzero(space[1:] != space[:-1])

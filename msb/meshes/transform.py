@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from msb.meshes.colors import linear_light
 from msb.meshes.mesh import Mesh
 
-# Rotations that turn an up axis to +y. An entry has the index and the sign of the old axis for each of the
-# new axes x, y and z. Each of the rotations has determinant +1.
+# Rotations that turn an up axis to +y. An entry describes the new axes x, y and z. Each value is the index
+# and the sign of an old axis. Each of the rotations has determinant +1.
 _UPRIGHT: dict[str, tuple[tuple[int, int], ...]] = {
     "+y": ((0, 1), (1, 1), (2, 1)),
     "-y": ((0, 1), (1, -1), (2, -1)),
@@ -35,7 +35,7 @@ def rotate_axis(vertices: NDArray[Any], up: str, to: str = "+y") -> NDArray[Any]
     if up == to or "unknown" in (up, to):
         return vertices
     upright = [sign * vertices[:, axis] for axis, sign in _UPRIGHT[up]]
-    # Invert the rotation that makes `to` the +y axis.
+    # Apply the inverse of the rotation that makes `to` the +y axis.
     rotated = np.empty_like(vertices)
     for column, (axis, sign) in zip(upright, _UPRIGHT[to], strict=True):
         rotated[:, axis] = sign * column

@@ -130,8 +130,8 @@ def _adjust_texels(image: NDArray[np.uint8], use: Mapping[str, Any]) -> NDArray[
     scale, bias = use["scale"], use["bias"]
     if not use["is_raw"] and (set(scale), set(bias)) == ({1.0}, {0.0}):
         return image
-    # Build a table of all 256 levels for each channel. Each level of an image channel is converted to linear
-    # light, scaled, shifted, and converted back.
+    # Build a table of all 256 levels for each channel. For each level: convert the level to linear light,
+    # scale and shift it, and convert it back.
     levels, channels = np.arange(256) / 255, []
     for channel in range(image.shape[-1]):
         is_linear = channel == 3
@@ -150,7 +150,7 @@ def _read_image(source: Source, name: str) -> bytes:
     try:
         with zipfile.ZipFile(io.BytesIO(source.data)) as archive:
             about = archive.getinfo(name)
-            # USD packages are not compressed. Therefore an image in a package cannot be larger than the file.
+            # USD packages are not compressed. An image in a package therefore cannot be larger than the file.
             if about.compress_type == zipfile.ZIP_STORED:
                 return archive.read(about)
     except (KeyError, zipfile.BadZipFile, OSError, RuntimeError, NotImplementedError):

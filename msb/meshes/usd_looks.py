@@ -1,6 +1,6 @@
 """Splits a textured mesh into groups of faces that one UsdPreviewSurface material can show.
 
-A UsdPreviewSurface material shows either an image multiplied with one colour, a single colour, or the primvar
+A UsdPreviewSurface material shows an image multiplied with one colour, or a single colour, or the primvar
 `displayColor`. A UsdPreviewSurface material cannot multiply an image with colours that vary between vertices.
 """
 
@@ -15,8 +15,8 @@ from msb.meshes.formats import Style
 from msb.meshes.image_files import describe_counts, encode_images, is_single_texel
 from msb.meshes.mesh import Mesh
 
-# Largest number of materials with a uniform colour for the faces of one texture. With more colours than this,
-# faces without an image use `displayColor`. Faces with an image then use the average colour.
+# Largest number of materials with a uniform colour for the faces of one texture. If there are more colours,
+# faces without an image use `displayColor`. Faces with an image then use their average colour.
 _MAX_COLORS = 64
 WHITE = (1.0, 1.0, 1.0)
 
@@ -28,14 +28,14 @@ class FaceGroup:
     Attributes
     ----------
     faces : (n,) int32
-        The numbers of the faces, in ascending order.
+        The indices of the faces, in ascending order.
     image : int, optional
-        The number of the texture.
+        The index of the texture.
     color : tuple of float, optional
-        The colour of the faces or, if they have an image, its factor; linear light. The value None means
-        `displayColor`.
+        The colour of the faces in linear light. For faces with an image, the colour is a factor of the image.
+        If the colour is None, the faces use `displayColor`.
     is_average : bool
-        Whether the colour replaces colours that vary.
+        Whether this uniform colour replaces colours that vary.
     """
 
     faces: NDArray[np.int32]
@@ -88,7 +88,7 @@ def corner_light(mesh: Mesh) -> NDArray[np.float32]:
 
 
 def encode_used_images(mesh: Mesh, style: Style) -> dict[str, bytes]:
-    """Return the image files that the materials use, as file name -> content."""
+    """Return the image files that the materials use, as a mapping from file name to content."""
     numbers = np.zeros(len(mesh.faces), np.uint32) if mesh.face_textures is None else mesh.face_textures
     has_faces = np.isin(np.arange(len(mesh.textures)), numbers)
     used = [

@@ -8,17 +8,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 Vector = tuple[float, ...]
-# The 2 x 3 matrix by which texture coordinates (u, v, 1) are multiplied. The coordinate v points upwards.
+# A 2 x 3 matrix that is multiplied with (u, v, 1), the homogeneous texture coordinates. The coordinate v
+# points upwards.
 Matrix = tuple[Vector, Vector]
 
 _WRAPS = {"clamp": "clamp", "black": "clamp", "mirror": "mirror"}
 # The diffuse colour of UsdPreviewSurface if a material sets none.
 _DEFAULT_COLOR = (0.18, 0.18, 0.18)
 _BLACK, _ONES, _ZEROS = (0.0, 0.0, 0.0), (1.0,) * 4, (0.0,) * 4
-# Longest chain of UsdTransform2d nodes that is followed. Malicious files may connect UsdTransform2d nodes in
-# a circle.
+# Longest chain of UsdTransform2d nodes that the reader follows. Malicious files may connect UsdTransform2d
+# nodes in a circle.
 _MAX_TRANSFORMS = 16
-# UsdPreviewSurface inputs that cannot be read if a shader computes their values, with names for messages.
+# Maps inputs of UsdPreviewSurface to names for messages. These inputs cannot be read if a shader computes
+# their values.
 _OTHER_MAPS = {
     "normal": "normal maps",
     "occlusion": "occlusion maps",
@@ -32,8 +34,8 @@ class ImageUse:
     """An image file, and the conversions of its texels before rendering.
 
     In linear light, a texel is multiplied with `scale` (RGBA), and `bias` (RGBA) is added. The field `is_raw`
-    is set if the file stores linear light. The field `has_alpha` is set if alpha is compared with the
-    cut-off.
+    is set if the texels are stored in linear light. The field `has_alpha` is set if alpha is compared with
+    the cut-off.
     """
 
     file: str
@@ -47,13 +49,14 @@ class ImageUse:
 class Material:
     """The colour of a USD material.
 
-    The colour comes from the image if an image exists, else from the uniform colour, else from the primvar.
+    If an image exists, the colour comes from the image. Without an image, the colour is the uniform colour.
+    Without a uniform colour, the colour is the primvar.
 
     Attributes
     ----------
     image : ImageUse, optional
-    varname, transform
-        The primvar with the image's texture coordinates, and the transform of the coordinates; None is the
+    varname, transform : str, Matrix or None
+        The primvar with the image's texture coordinates, and the transform of the coordinates. None means the
         identity.
     wraps : tuple of str
         The wrap modes of the image along u and v.
@@ -80,7 +83,7 @@ UNBOUND = Material(primvar="displayColor")
 
 
 class _Source(NamedTuple):
-    """The source of an input: a shader and the name of its output, a value, or nothing."""
+    """The source of an input is a shader and the name of its output, or a value, or nothing."""
 
     shader: Any = None
     output: str = ""
@@ -98,7 +101,8 @@ class MaterialReader:
         self._materials: dict[str, Material] = {}
 
     def find(self, prim: Any) -> Material:
-        """Return the preview material of a prim, else its material for full rendering."""
+        """Return the preview material of a prim. Without a preview material, return the material for full
+        rendering."""
         from pxr import Tf, UsdShade
 
         binding = UsdShade.MaterialBindingAPI(prim)
@@ -118,7 +122,7 @@ class MaterialReader:
     def _read_surface(self, material: Any) -> Material:
         """Return the colour of a USD material.
 
-        Emission is used only if the diffuse colour is black (an unlit material).
+        The emission replaces the colour if the diffuse colour is black (an unlit material).
         """
         surface = material.ComputeSurfaceSource()[0]
         if not surface or surface.GetShaderId() != "UsdPreviewSurface":
@@ -171,7 +175,8 @@ class MaterialReader:
         return Material(image, varname, transform, (u, v), cutoff, color)
 
     def _read_coordinates(self, reader: Any) -> tuple[str, Matrix | None]:
-        """Return the primvar with the coordinates of a texture reader, and their transform."""
+        """Return the primvar with the coordinates of a texture reader, and the transform of the
+        coordinates."""
         transform = np.eye(3)
         shader = self._follow(reader, "st").shader
         for _ in range(_MAX_TRANSFORMS):
@@ -194,10 +199,9 @@ class MaterialReader:
         return np.array([[cos * across, -sin * up, x], [sin * across, cos * up, y], [0, 0, 1]])
 
     def _read_cutoff(self, surface: Any, reader: Any) -> float | None:
-        """Return the alpha cut-off of a surface with a colour from `reader`.
+        """Return the alpha cut-off of a surface. The texture reader `reader` provides the colour.
 
-        Return None if the surface is opaque. Only the alpha channel of the image with the colour can cut
-        holes.
+        Return None if the surface is opaque. Holes are cut only by the alpha channel of the colour image.
         """
         opacity = self._follow(surface, "opacity")
         threshold = _number(self._follow(surface, "opacityThreshold").value, 0.0)
@@ -221,7 +225,7 @@ class MaterialReader:
         return str(getattr(file, "path", file) or "")
 
     def _follow(self, shader: Any, name: str) -> _Source:
-        """Return the source of the input `name` of a shader.
+        """Find the source of the input `name` of a shader.
 
         Connections through interfaces of materials and node graphs are followed.
         """
@@ -249,14 +253,14 @@ def _color(value: Any, default: Vector) -> Vector:
 def _vector(value: Any, default: Vector) -> Vector:
     """Return `value` as finite numbers.
 
-    Return `default` if `value` is missing, not finite or of another length.
+    If `value` is missing, not finite or of another length, return `default`.
     """
     numbers = list_numbers(value)
     return numbers if len(numbers) == len(default) and np.isfinite(numbers).all() else default
 
 
 def _number(value: Any, default: float) -> float:
-    """Return `value` as a finite number. Return `default` if `value` is missing or not a finite number."""
+    """Return `value` as a finite number. If `value` is missing or not a finite number, return `default`."""
     return _vector(value, (default,))[0]
 
 
@@ -271,8 +275,8 @@ def list_numbers(value: Any) -> Vector:
 def unite_textures(materials: list[Material], left_out: dict[str, None]) -> tuple[tuple[str, str], Any]:
     """Return the wrap modes and the alpha cut-off of a mesh with these textured materials.
 
-    A mesh has only one sampler. The first material sets the wrap modes. The alpha cut-off is the smallest of
-    all materials.
+    All materials of a mesh share one sampler. The first material sets the wrap modes. The alpha cut-off is
+    the smallest alpha cut-off of all materials.
     """
     cutoffs = {material.cutoff for material in materials if material.cutoff is not None}
     if len({material.wraps for material in materials}) > 1:

@@ -13,11 +13,11 @@ from msb.meshes.polygons import join_faces, triangulate
 from msb.meshes.usd_materials import UNBOUND, ImageUse, Material, MaterialReader, list_numbers, unite_textures
 
 Floats = NDArray[np.float32]
-# A domain ("constant", "vertex", "face", "corner") and its values (n, width).
+# A domain ("constant", "vertex", "face" or "corner"), and values (n, width) for this domain.
 Values = tuple[str, Floats]
 
-# Maps the interpolation of a primvar to the domain of its values. All other interpolations mean one value per
-# vertex.
+# Maps the interpolation of a primvar to the domain of its values. Every other interpolation means one value
+# per vertex.
 _DOMAINS = {"uniform": "face", "faceVarying": "corner"}
 
 
@@ -26,7 +26,7 @@ class _PrimArrays:
     """The triangles of a mesh prim with their colours, UVs and textures.
 
     The fields `colors` (linear light) and `uvs` are None if the prim does not define them. The field
-    `textures` (F,) contains image numbers. The field `normals` is only used to explain duplicated vertices.
+    `textures` (F,) contains image indices. The field `normals` is only used to explain duplicated vertices.
     """
 
     points: NDArray[Any]
@@ -84,7 +84,7 @@ class _Refused(Exception):
 class _Reader:
     """Reader for the mesh prims of a USD stage.
 
-    The field `images` has the numbers of the images, in the order of their use. The key None means faces
+    The field `images` maps each image to its index, in the order of their use. The key None means faces
     without an image. The field `textured` has the materials in use that have an image. The field `left_out`
     has the names of unread data.
     """
@@ -235,7 +235,7 @@ class _Reader:
         stored = primvar.ComputeFlattened(self._time)
         try:
             values = np.array([] if stored is None else stored, np.float32)
-        except (TypeError, ValueError):  # values of a text type, for example
+        except (TypeError, ValueError):  # Values of a text type cannot be converted.
             values = np.array([], np.float32)
         kind = str(primvar.GetInterpolation())
         domain = _DOMAINS.get(kind, "vertex")
@@ -274,14 +274,15 @@ class _Reader:
     def _read_materials(
         self, mesh: Any, count: int, polygon: NDArray[np.int64]
     ) -> list[tuple[Material, NDArray[np.int64]]]:
-        """Return the materials that the triangles of a mesh use, each with the numbers of its triangles.
+        """Return the materials that the triangles of a mesh use. Each material has the indices of its
+        triangles.
 
         The mesh has `count` polygons. The argument `polygon` (F,) is the polygon of each triangle.
         """
         from pxr import UsdGeom, UsdShade
 
-        # Compute `owner` (P,), the material of each polygon. The material of a polygon comes from its subset,
-        # or else from the prim.
+        # Compute `owner` (P,), the material of each polygon. The material of a polygon comes from the subset
+        # of the polygon. Without a subset, the material comes from the prim.
         numbers = {self._materials.find(mesh.GetPrim()): 0}
         owner = np.zeros(count, np.int64)
         kind = UsdShade.Tokens.materialBind
@@ -318,7 +319,7 @@ class _Reader:
 
 
 def _choose_color(material: Material, read: Callable[[str, int], Values | None]) -> Values | None:
-    """Return the colours that a material gives to a prim, or None for white."""
+    """Return the colours that a material gives to a prim. Return None if the colours are white."""
     values = None if material.primvar is None else read(material.primvar, 3)
     if values is None and material.color is not None:
         return "constant", np.array([material.color], np.float32)
@@ -345,8 +346,8 @@ def _combine(
 ) -> Values | None:
     """Combine the values of the materials of a prim. Return None if no triangle has values.
 
-    Each element of `pieces` has the triangle numbers of a material, and the values of this material for the
-    whole prim.
+    Each element of `pieces` has the triangle indices of a material. The element also has the values of this
+    material for the whole prim.
     """
     given = [values for _, values in pieces]
     if all(values is None for values in given):
@@ -369,8 +370,7 @@ def _combine(
 def _spread(values: Values, part: _PrimArrays, faces: Any) -> NDArray[Any]:
     """Return the values (n, 3, width) at the corners of the triangles `faces` (n,) of a part.
 
-    Corners with an invalid index get the values of an arbitrary vertex. Constant values have a single row and
-    column.
+    Corners with an invalid index get an arbitrary value. Constant values have a single row and column.
     """
     domain, rows = values
     width = rows.shape[1]
@@ -412,7 +412,8 @@ def _join_parts(parts: list[_PrimArrays], textures: int) -> dict[str, NDArray[An
 def _convert_domain(
     domain: str, part: _PrimArrays, values: Values | None, width: int, blank: float
 ) -> Floats:
-    """Return the values (n, `width`) of a part for `domain`, or `blank` if the part has no values."""
+    """Return the values (n, `width`) of a part, converted to `domain`. Return `blank` if the part has no
+    values."""
     count = {"vertex": len(part.points), "face": len(part.faces), "corner": part.faces.size}[domain]
     if values is None:
         return np.full((count, width), blank, np.float32)

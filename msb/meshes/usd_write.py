@@ -80,7 +80,7 @@ def build_stage(mesh: Mesh, images: list[str], style: Style) -> Any:
 
 
 def _add_mesh(stage: Any, path: str, mesh: Mesh) -> Any:
-    """Define a mesh prim with the triangles of `mesh` at `path`, and return it."""
+    """Define a mesh prim with the triangles of `mesh` at `path`. Return the prim."""
     from pxr import Gf, UsdGeom, Vt
 
     prim = UsdGeom.Mesh.Define(stage, path)
@@ -91,8 +91,7 @@ def _add_mesh(stage: Any, path: str, mesh: Mesh) -> Any:
     prim.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(mesh.faces), 3, np.int32)))
     prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.faces.astype(np.int32).reshape(-1)))
     prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    # Readers expect normals for surfaces without subdivision. With face normals, the surface is rendered
-    # flat-shaded.
+    # Without subdivision, readers expect normals. With face normals, the surface is rendered flat-shaded.
     normals, domain = mesh.corner_normals, UsdGeom.Tokens.faceVarying
     if normals is None:
         normals, domain = _compute_normals(mesh), UsdGeom.Tokens.uniform
@@ -145,7 +144,8 @@ def _add_colors(prim: Any, mesh: Mesh, images: list[str], color_input: str) -> N
 
 
 def _add_display_colors(prim: Any, light: NDArray[np.float32], domain: str, color_input: str) -> None:
-    """Set `displayColor` to the colours `light` (n, 3) of a domain, and define a material that shows it."""
+    """Set `displayColor` to the colours `light` (n, 3) of a domain, and define a material that shows
+    `displayColor`."""
     from pxr import Sdf, Vt
 
     stage = prim.GetPrim().GetStage()
@@ -251,7 +251,7 @@ def _add_texture(
 
 
 def _add_shader(stage: Any, path: str, name: str, **inputs: tuple[Any, Any]) -> Any:
-    """Define the shader `name` at `path`, with inputs of the given types and values, and return it."""
+    """Define the shader `name` at `path`, with inputs of the given types and values. Return the shader."""
     from pxr import UsdShade
 
     shader = UsdShade.Shader.Define(stage, path)
@@ -262,7 +262,7 @@ def _add_shader(stage: Any, path: str, name: str, **inputs: tuple[Any, Any]) -> 
 
 
 def _add_material(stage: Any, path: str, color_input: str) -> Any:
-    """Define a material without reflections at `path`, and return its surface shader.
+    """Define a material without reflections at `path`. Return the surface shader of the material.
 
     The input `color_input` sets the colour. All other colours are black.
     """

@@ -1,8 +1,8 @@
 """Writes VTK XML PolyData (.vtp): points, and cells of one, two and three points with cell data.
 
 The layout is defined in "VTK XML file formats" of the VTK documentation. A VTP file stores all arrays as raw
-data in one appended block. A 64-bit byte count precedes each array. VTK itself, a large optional dependency
-(extra `view`), is not needed.
+data in one appended block. In this block, each array is preceded by its length in bytes, a 64-bit number. VTK
+itself is a large optional dependency (extra `view`) and is not needed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ class _Appended:
         self.offset = 0
 
     def array(self, name: str, values: NDArray[Any], components: int = 1) -> str:
-        """Append an array to the block. Return the XML element that refers to it."""
+        """Append an array to the block. Return the XML element that refers to the array."""
         stored = values.dtype if values.dtype.str[1:] in _TYPES else np.dtype(np.float64)
         data = np.ascontiguousarray(values, stored.newbyteorder("<"))
         text = (
@@ -41,7 +41,7 @@ class _Appended:
         return f"<{tag}>{connectivity}{self.array('offsets', ends)}</{tag}>"
 
     def write(self, file: IO[bytes]) -> None:
-        """Write the block: the length in bytes of each array, then the array."""
+        """Write the block. Each array is preceded by its length in bytes."""
         for block in self.blocks:
             file.write(block.nbytes.to_bytes(8, "little"))
             file.write(block.reshape(-1).view(np.uint8).data)
@@ -60,8 +60,8 @@ def write_vtp(
     """Write PolyData with points (V, 3), and cells: verts (n, 1), lines (n, 2) and polys (n, 3).
 
     The argument `cell_data` has uint8 or int64 arrays with one value per cell, in VTK's order of cells
-    (verts, lines, polys). The argument `names` describes a field array: its name, and its values (ASCII
-    strings).
+    (verts, lines, polys). The argument `names` describes a field array. The array has a name and ASCII
+    strings as values.
     """
     appended = _Appended()
     data = "".join(appended.array(name, values) for name, values in cell_data.items())

@@ -40,16 +40,18 @@ def as_float32(vertices: NDArray[Any], name: str) -> NDArray[np.float32]:
 
 
 def as_local(vertices: NDArray[Any], name: str) -> tuple[NDArray[np.float32], Origin]:
-    """Return `vertices` (V, 3) as float32 relative to an origin, and this origin, for format `name`."""
+    """Return `vertices` (V, 3) as float32 relative to an origin. Also return the origin, for the format
+    `name`."""
     origin = find_origin(vertices)
     return as_float32(vertices - np.asarray(origin) if any(origin) else vertices, name), origin
 
 
 def write_rows(stream: BinaryIO, form: str, columns: NDArray[Any]) -> None:
-    """Write each row of `columns` (N, K) as a line of text. The format `form` has K conversions with %.
+    """Write each row of `columns` (N, K) as a line of text. The format string `form` has a "%" conversion for
+    each of the K columns.
 
-    The conversion "%r" writes the shortest decimal that reads back as the same float64. This conversion is
-    therefore also exact for float32.
+    The conversion "%r" writes the shortest decimal that reads back as the same float64. Float32 values are
+    therefore also stored exactly.
     """
     line = form + "\n"
     for start in range(0, len(columns), ROWS_AT_A_TIME):

@@ -1,4 +1,4 @@
-"""Repair assets and meshes with the steps of `msb.topology.steps`, keeping the data of vertices and faces."""
+"""Repair assets and meshes with the steps of `msb.topology.steps`. The data of vertices and faces is kept."""
 
 from __future__ import annotations
 

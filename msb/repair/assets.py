@@ -41,15 +41,15 @@ class Repaired(Outcome):
     asset : Asset
         The repaired asset, in memory. The method is unchanged, unless `weld` merged a triangle soup.
     vertex_map, face_map : (V',), (F',) int64
-        The original row of each vertex and face; -1 for added vertices and faces.
+        The index of the original vertex or face. The value is -1 for added vertices and faces.
     turned : (F',) bool
         Whether the second and third corner of each face were swapped.
     cut_edges : (n, 2) int64
-        The original edges that became several edges, as pairs of original vertices.
+        The original edges that became several edges. An edge is a pair of original vertices.
     plan, steps : tuple of str, tuple of Step
-        The requested steps, and the finished steps. The plan is repeated until nothing changes.
+        The requested steps, and the finished steps. The steps are repeated until nothing changes.
     before, after : Audit
-        The audits of the original and the repaired mesh.
+        Two audits: one of the original mesh and one of the repaired mesh.
     left : tuple of str
         The remaining defects: non-manifold or open edges, inconsistent winding, and duplicate faces.
     """
@@ -85,12 +85,12 @@ def repair(
     asset : Asset or path-like
         The asset, or a path that `msb.open` accepts. The asset is not changed.
     plan : sequence of str, or str, optional
-        The steps in order, as a sequence or separated by commas: "orient", "pair", "cut", "drop", "weld",
-        "debris", "close", "dedupe", "outward". The steps are repeated until nothing changes. A step may have
-        numbers: "weld:0.01,orient,pair".
+        The steps in order, as a sequence or separated by commas. The names are "orient", "pair", "cut",
+        "drop", "weld", "debris", "close", "dedupe" and "outward". The steps are repeated until nothing
+        changes. A step may have numbers: "weld:0.01,orient,pair".
     weights : (F,) non-negative numbers, optional
-        The importance of each face for `debris` and `drop`, such as the number of pixels that it covers in
-        images. Default: the face's area.
+        The weight of each face for the steps `debris` and `drop`, such as the number of pixels that it covers
+        in images. Default: the face's area.
     **options
         Other fields of `msb.repair.Options`, such as ``debris_faces=20``.
 
@@ -152,7 +152,7 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
                 warnings=asset.warnings,
                 opened_from=asset.opened_from,
             )
-    # Copy the outcome, and add the path and method of the asset to its audits.
+    # Copy the outcome. Add the path and the method of the asset to its audits.
     path = None if repaired.path is None else str(repaired.path)
     outcome = {f.name: getattr(done, f.name) for f in fields(done)}
     audits = {
@@ -178,8 +178,8 @@ def _find_positions(asset: Asset, done: Outcome) -> NDArray[np.float32]:
 def repair_mesh(mesh: Mesh, options: Options) -> tuple[Mesh, Outcome]:
     """Return the repaired mesh, in the precision of `mesh`, and the outcome of the repair."""
     check_indices(mesh)
-    # `carry` uses the name of a buffer to decide how to change it. Face colours get the name "f_dc", because
-    # vertex colours already have the name "color".
+    # The function `carry` decides by the buffer's name how to change a buffer. Face colours get the name
+    # "f_dc", because vertex colours already have the name "color".
     by_corner = mesh.corner_uvs is not None
     arrays: tuple[tuple[str, NDArray[Any] | None, Domain], ...] = (
         ("color", mesh.vertex_colors, "vertex"),
@@ -219,8 +219,8 @@ def _welds_soup(asset: Asset, plan: tuple[str, ...]) -> bool:
 def _convert_to_mesh(asset: Asset) -> tuple[Asset, Change | None]:
     """Return a triangle soup as an asset of method "mesh" with its standard-tier colours.
 
-    The second value is the change that removes faces below the STE opacity threshold. The change is None
-    without a threshold.
+    Also return the change that removes faces below the STE opacity threshold. This change is None without a
+    threshold.
     """
     if why := refusal(asset.manifest, "standard"):
         raise Unsupported("UNSUPPORTED_TIER", f"weld needs static colours to merge a triangle soup; {why}")

@@ -18,9 +18,10 @@ if TYPE_CHECKING:
 
 # Face buffers whose values do not depend on the order of the corners.
 _ORDER_FREE = {"color", "f_dc", "f_rest", "opacity", "sigma", "face_texture"}
-# Corner buffers that can be interpolated along an edge for added faces.
+# Names of corner buffers. The values of these buffers are interpolated along an edge for added faces.
 _INTERPOLATED = {"uv", "color"}
-# DiffSoup's samples on a barycentric lattice. Lattice samples are permuted when a face is turned.
+# Names of DiffSoup's buffers with samples on a barycentric lattice. The samples are permuted when a face is
+# turned.
 _LATTICES = {"features.lattice", "features.opacity"}
 
 
@@ -29,10 +30,10 @@ def carry(
 ) -> dict[str, NDArray[Any]]:
     """Return the buffers of the changed mesh.
 
-    Rows of unchanged vertices and faces are copied. A new vertex gets the average over its rim, which
-    consists of the surrounding vertices (`Rims`). An added face gets the values of an adjacent face. The
-    added face shares two corners with the adjacent face, and copies their values. The third corner of an
-    added face gets the average of the two shared corners.
+    Rows of unchanged vertices and faces are copied. A new vertex gets the average of the surrounding
+    vertices, which are its rim (`Rims`). Each added face gets the values of an adjacent face. An added face
+    has two corners in common with an adjacent face, and copies the values there. At its third corner, the
+    added face gets the average of these two values.
 
     The argument `domains` gives the domain of each buffer: "vertex", "face", "corner" or "global". The
     argument `level` is the level of DiffSoup's lattice, if the mesh has one.
@@ -81,9 +82,9 @@ def _carry_faces(name: str, array: NDArray[Any], change: Change, level: int | No
 def _carry_corners(name: str, array: NDArray[Any], change: Change, faces: NDArray[Any]) -> NDArray[Any]:
     """Return a corner buffer of the changed mesh.
 
-    The argument `faces` (F, 3) has the faces before the change. Values of an added face are interpolated on
-    the edge shared with the adjacent face. The third vertex of the added face cannot supply values. The
-    values of the third vertex may belong to another UV chart.
+    The argument `faces` (F, 3) has the faces before the change. Values of an added face are interpolated
+    along the edge to the adjacent face. The third vertex of the adjacent face is not used, because its values
+    may belong to another UV chart.
     """
     added = len(change.added_from)
     kept = array[change.corner_map[: 3 * (len(change.faces) - added)]]
@@ -92,10 +93,10 @@ def _carry_corners(name: str, array: NDArray[Any], change: Change, faces: NDArra
     if name not in _INTERPOLATED:
         _reject(name, "corner values that cannot be interpolated", "added")
     # `same` (n, 3, 3) compares the corners of an added face with the corners of the adjacent face. A value is
-    # true if both corners have the same vertex.
+    # true if the two corners have the same vertex.
     old_vertices = change.vertex_map[change.faces[-added:]]
     same = old_vertices[:, :, None] == faces[change.added_from].astype(np.int64)[:, None]
-    # Copy the values of shared corners, and use their average for the remaining corner.
+    # Copy the values of shared corners. The remaining corner gets the average of the copied values.
     values = array.reshape(len(faces), 3, -1)[change.added_from].astype(np.float64)
     values = np.take_along_axis(values, same.argmax(axis=2)[:, :, None], axis=1)
     shared = same.any(axis=2, keepdims=True)
@@ -106,9 +107,9 @@ def _carry_corners(name: str, array: NDArray[Any], change: Change, faces: NDArra
 def build_lattice_permutation(sides: int) -> NDArray[np.intp]:
     """Return the permutation of lattice samples for swapping the second and third corner of a face.
 
-    Sample ``s (s + 1) / 2 + y`` has the barycentric coordinates b0 = (s - y) / n, b1 = y / n and b2 = (n - s)
-    / n, where n is `sides`. After the swap, each sample has the value of the old sample at (b0, b2, b1). The
-    old sample has y' = n - s and s' = n - y in the order of the samples.
+    In the following formulas, n is `sides`. Sample ``s (s + 1) / 2 + y`` has the barycentric coordinates b0 =
+    (s - y) / n, b1 = y / n and b2 = (n - s) / n. After the swap, each sample has the value of the old sample
+    at (b0, b2, b1). The indices of this old sample are y' = n - s and s' = n - y.
     """
     s, y = np.tril_indices(sides + 1)
     s, y = sides - y, sides - s
@@ -116,9 +117,10 @@ def build_lattice_permutation(sides: int) -> NDArray[np.intp]:
 
 
 def _average_rims(name: str, array: NDArray[Any], rims: Rims) -> NDArray[Any]:
-    """Return the average over each rim.
+    """Return the average value of each rim.
 
-    If the average is not finite, for example for infinite opacities, the first value of the rim is returned.
+    If an average is not finite, for example for infinite opacities, return the first value of the rim
+    instead.
     """
     if array.dtype.kind != "f" and array.dtype != np.uint8:
         _reject(name, f"{array.dtype} vertex values that cannot be averaged", "added")
@@ -136,8 +138,8 @@ def _convert_type(means: NDArray[np.float64], dtype: np.dtype[Any]) -> NDArray[A
 
 
 def _reject(name: str, content: str, change: str) -> NoReturn:
-    """Raise UNSUPPORTED_REPAIR, because the values of a buffer are undefined for faces that are `change`
-    ("turned" or "added").
+    """Raise UNSUPPORTED_REPAIR. The argument `change` names the faces whose values in this buffer are
+    undefined ("turned" or "added").
     """
     step = "orient" if change == "turned" else "close"
     text = f"buffer {name} has {content}, which are undefined for {change} faces; omit {step} from the plan"

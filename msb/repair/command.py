@@ -181,7 +181,7 @@ class _Repair:
                 file = stack.enter_context(new_file(maps, overwrite=self.output.force))
                 arrays = {"vertex": done.vertex_map, "face": done.face_map, "turned": done.turned}
                 write_npz(file, arrays)
-                file.flush()  # This call detects a full disk.
+                file.flush()  # Flushing fails if the disk is full.
                 if is_stream(maps):  # Closing the stream may fail, so close it before OUT is written.
                     stack.close()
             yield
@@ -189,7 +189,7 @@ class _Repair:
     def repair_asset(self) -> tuple[Asset | Mesh, Repaired, Sequence[str]]:
         """Repair an asset. Return the asset, or its standard-tier mesh if OUT is a mesh file.
 
-        The third value lists the parts of the asset that the mesh file cannot store.
+        Also return the parts of the asset that the mesh file cannot store.
         """
         from msb.api.command_files import open_asset
         from msb.meshes.assets import mesh_from_asset
@@ -220,7 +220,7 @@ class _Repair:
     def repair_mesh(self) -> tuple[Mesh, Outcome, Sequence[str]]:
         """Repair a mesh file in the precision of its coordinates.
 
-        The third value lists the parts of the file that were not read.
+        Also return the parts of the file that were not read.
         """
         from msb.meshes import read_mesh
         from msb.repair.assets import repair_mesh
@@ -275,7 +275,7 @@ class _Repair:
     def show(self, done: Repaired | Outcome, after: Audit, left: list[str], *, splits: bool) -> None:
         """Print the verdict and, unless --quiet, the steps, the remaining defects and the next command.
 
-        The argument `splits` is true if the file format stores shared vertices of the faces separately.
+        `splits` is true if the file format gives each face separate vertices.
         """
         from msb.api.auditing import next_command
         from msb.repair.plan import parse_plan
@@ -326,9 +326,9 @@ _NAMES = (
     *("Strategy", "Kept", "Added", "Cut", "Pieces", "Bound.", "Verdict"),
     *("Tasks", "Standard", "Dedicated", "MB", "Seconds"),
 )
-# Columns of the table that are aligned to the left.
+# Columns of the table that are left-aligned.
 _WORDS = ("Strategy", "Verdict", "Tasks")
-# Columns that narrow terminals omit, in this order.
+# Columns to omit in narrow terminals, in this order.
 _OPTIONAL = ("MB", "Added", "Bound.", "Seconds", "Cut")
 # The value of --task that selects no task.
 NO_TASK = "none"
@@ -385,10 +385,11 @@ def _select_tasks(given: Sequence[str]) -> list[str]:
 
 
 def _print_comparison(rows: list[StrategyResult], views: str, output: Output) -> None:
-    """Print the comparison. The argument `views` describes the views of the PSNR, such as "8 test views"."""
+    """Print the comparison. The argument `views` names the views used for the PSNR, such as "8 test
+    views"."""
     console = output.console()
     if not console.is_terminal:
-        console.width = 10_000  # The width in characters exceeds every table.
+        console.width = 10_000  # A width in characters that is larger than any table.
     print_table([_format_cells(row) for row in rows], console)
     if output.quiet:
         return
@@ -417,7 +418,8 @@ def _print_comparison(rows: list[StrategyResult], views: str, output: Output) ->
 
 
 def recommend(rows: list[StrategyResult]) -> str:
-    """Return the recommended row: the best verdict, then most tasks, fewest defects and highest similarity.
+    """Recommend the row of the table with the best verdict. Among equal rows, the most tasks, the fewest
+    defects and then the highest similarity decide.
 
     A repair that removes visible parts of the mesh is never recommended.
     """
@@ -475,7 +477,7 @@ def _format_cells(row: StrategyResult) -> list[str]:
 def print_table(rows: list[list[str]], console: Console) -> None:
     """Print the table, and omit columns that do not fit into the terminal.
 
-    Columns that are empty are omitted first.
+    Omit empty columns first.
     """
     full = [[*row, *[""] * (len(_NAMES) - len(row))] for row in rows]
     empty = [name for name, *cells in zip(_NAMES, *full, strict=True) if not {*cells} - {"", "-"}]
@@ -494,7 +496,7 @@ def print_table(rows: list[list[str]], console: Console) -> None:
 
 
 def _format_passed(trials: tuple[Trial, ...]) -> str:
-    """Return the number of working tasks out of all tasks, such as "2 of 5"."""
+    """Return a text with the number of working tasks and the number of all tasks, such as "2 of 5"."""
     from msb.trial.repairs import count_passed
 
     done = [trial for trial in trials if trial.outcome != "not_run"]

@@ -1,4 +1,4 @@
-"""Count the pixels that each face covers in images. The pixel counts are the weights of the faces."""
+"""Count the pixels that each face covers in images. These counts serve as the weights of the faces."""
 
 from collections.abc import Callable, Sequence
 

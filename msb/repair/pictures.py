@@ -20,7 +20,7 @@ from msb.topology.halfedge import NONE
 RED, GREEN, CUT = (0.85, 0.1, 0.1), (0.1, 0.7, 0.2), (0.0, 0.0, 0.55)
 # Grey levels of black and of white faces. Light grey levels contrast with the other colours.
 _DARKEST, _LIGHTEST = 0.55, 0.9
-# Depth tolerance of cut edges, as a fraction of the visible surface's depth. The edges lie on the surface, so
+# Depth tolerance for drawing cut edges, as a fraction of the surface depth. Cut edges lie on the surface, so
 # their depths are nearly equal to the surface depth.
 _TOLERANCE = 0.004
 
@@ -40,7 +40,8 @@ def save_picture(
 def draw_picture(
     original: Asset, done: Repaired, camera: Camera, device: str | None = None
 ) -> NDArray[np.float32]:
-    """Return an image (H, W, 3): unchanged faces are grey, removed faces red, and added faces green."""
+    """Return an image (H, W, 3) with unchanged faces in grey, removed faces in red, and added faces in
+    green."""
     with Renderer(_color_faces(original, done), tier="standard", device=device) as renderer:
         frame = renderer.render(camera, background=(1.0, 1.0, 1.0))
     image = frame.image.copy()
@@ -61,7 +62,7 @@ def _color_faces(original: Asset, done: Repaired) -> Asset:
     is_removed[done.face_map[done.face_map != NONE]] = False
     colors = np.repeat(_compute_grey(original)[:, None], 3, axis=1)
     colors[is_removed] = RED
-    # Append the added faces. The vertices of added faces follow the original vertices.
+    # Append the added faces.
     new = done.asset.buffers["indices"][done.face_map == NONE]
     colors = np.concatenate([colors, np.tile(GREEN, (len(new), 1))])
     return build_asset(
@@ -93,14 +94,14 @@ def _draw_edges(
 
     The argument `depth` (H, W) is the depth of the visible surface, 0 in the background.
     """
-    # Compute the length of each edge in pixels (n,). Skip edges with an end behind the camera or in its
-    # plane.
+    # Compute the length of each edge in pixels (n,). Skip an edge if one end is behind the camera or in the
+    # camera plane.
     pixels, _ = camera.project(ends)
     length = np.abs(pixels[:, 1] - pixels[:, 0]).max(axis=1, initial=0.0)
     is_valid = np.isfinite(length) & (length < 4 * max(image.shape))
     samples = np.where(is_valid, np.ceil(np.where(is_valid, length, 0)) + 1, 0).astype(np.int64)
-    # Sample one point per pixel of length. Arrays of length m contain the edge of each sample, and its
-    # position along the edge from 0 to 1.
+    # Sample one point per pixel of length. For each of m samples, store its edge, and its position along the
+    # edge from 0 to 1.
     edge = np.repeat(np.arange(len(ends)), samples)
     first = np.cumsum(samples) - samples
     along = ((np.arange(len(edge)) - first[edge]) / np.maximum(samples[edge] - 1, 1))[:, None]

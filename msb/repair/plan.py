@@ -24,7 +24,7 @@ NUMBERS = {
     "debris": ("debris_faces", "debris_share"),
     "close": ("close_edges", "close_share"),
 }
-# Options that are whole numbers.
+# Options that must be whole numbers.
 _WHOLE = ("debris_faces", "close_edges")
 
 
@@ -37,22 +37,23 @@ class Options:
     plan : tuple of str
         The steps in order. The steps are repeated until nothing changes.
     weld : "exact" or float
-        `weld` merges vertices with equal float32 coordinates ("exact"), or vertices within this distance,
-        also through chains of vertices.
+        The step `weld` merges vertices with equal float32 coordinates ("exact"), or chains of vertices with
+        at most this distance.
     pair_color : float
         The weight of colour differences for `pair`: the cost of joining a black and a white face. A fold by
-        180 degrees costs 1.
+        180 degrees has the cost 1.
     debris_faces : int
-        `debris` removes components with fewer faces.
+        The step `debris` removes components with fewer faces than this.
     debris_share : float
-        `debris` also removes components with a smaller share of the total face weight.
+        The step `debris` also removes components with less than this share of the total face weight.
     close_edges : int
-        `close` fills holes with at most this number of edges.
+        The step `close` fills holes with at most this number of edges.
     close_share : float
-        `close` does not fill a hole if the new faces would exceed this share of their component's area.
+        The step `close` leaves a hole open if the new faces would cover more than this share of the
+        component's area.
     peer : {"igl", "pymeshlab"}, optional
-        The library that runs `cut` (igl) or `drop` (pymeshlab) in a child process. The value None means
-        MeshSplatBench.
+        The library that runs `cut` (igl) or `drop` (pymeshlab) in a child process. None means that
+        MeshSplatBench runs all steps.
     limits : Limits
         Time and memory limits of the child process.
     """
@@ -68,8 +69,8 @@ class Options:
     limits: Limits = field(default_factory=Limits)
 
     def covers(self, other: Options) -> bool:
-        """Return whether this plan has all steps of `other`, with a weld distance and a `close_share` that
-        are not smaller.
+        """Return whether this plan has all steps of `other`, and at least its weld distance and its
+        `close_share`.
         """
         ours, theirs = (0.0 if plan.weld == "exact" else float(plan.weld) for plan in (self, other))
         return (
@@ -99,7 +100,7 @@ def parse_plan(plan: Sequence[str] | str | None = None, **options: Any) -> Optio
     """Return the validated options of a plan, given as a sequence of steps or as text with commas.
 
     A step may have numbers, as in "weld:0.01,orient,pair,debris:20:0.001". The default is the default plan,
-    or the step of the library in `options`. `options` contains other fields of `Options`.
+    or the step of the library in `options`. The argument `options` contains other fields of `Options`.
     """
     if plan is None:
         plan = BY_PEER.get(options.get("peer") or "", DEFAULT)
@@ -126,7 +127,7 @@ def parse_plan(plan: Sequence[str] | str | None = None, **options: Any) -> Optio
 
 
 def _parse_number(name: str, text: str) -> float | str:
-    """Return the value of option `name` in a plan. The value is a number. Only weld accepts a text."""
+    """Return the value of the option `name` in a plan as a number. Only the step weld accepts a text."""
     if name == "weld":
         return text
     try:

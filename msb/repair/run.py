@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
     Buffers = Mapping[str, NDArray[Any]]
 
-# Maps each step to the later steps after which the step need not be repeated. Turning faces moves no vertex,
-# and `debris` removes whole components. Repeating a step immediately changes nothing. `debris` must be
-# repeated after `orient`. `orient` cuts one-sided surfaces, so a component may fall apart.
+# The keys are steps. Each value contains the later steps after which the step need not be repeated. Turning
+# faces moves no vertex, and `debris` removes whole components. However, `orient` cuts one-sided surfaces, so
+# a component may fall apart. Therefore `debris` must be repeated after `orient`.
 _UNTOUCHED_BY = {
     "orient": ("orient", "debris"),
     **dict.fromkeys(("pair", "cut"), ("pair", "cut", "orient", "debris")),
@@ -46,8 +46,8 @@ _UNTOUCHED_BY = {
     "dedupe": ("orient", "pair", "cut", "drop", "dedupe", "debris", "outward"),
     "outward": ("outward",),
 }
-# After the steps pair, cut or drop, no edge has more than two faces. In a plan with one of these steps,
-# `orient` only turns faces. The steps pair, cut and drop decide which faces stay connected.
+# After the steps pair, cut or drop, no edge has more than two faces. The steps pair, cut and drop decide
+# which faces stay connected, so `orient` must not cut edges in such a plan.
 _RESOLVING = frozenset({"pair", "cut", "drop"})
 # Maximum number of repetitions of a plan. Most plans need two or three repetitions.
 _MAX_ROUNDS = 16
@@ -87,12 +87,12 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A repaired mesh: its buffers, the finished steps, and the origin of its rows.
+    """A repaired mesh: its buffers, the finished steps, and the original index of each row.
 
-    The fields `vertex_map` (V',) and `face_map` (F',) have the original row of each vertex and face, or -1
-    for added rows. The field `turned` (F',) states for each face whether its second and third corner were
-    swapped. The field `domains` gives the domain of each buffer. If the repair changed the mesh, UVs are
-    stored per corner.
+    The fields `vertex_map` (V',) and `face_map` (F',) contain the original index of each vertex and face. The
+    index of added vertices and faces is -1. The field `turned` (F',) marks faces whose second and third
+    corner were swapped. The field `domains` gives the domain of each buffer. If the repair changed the mesh,
+    UVs are stored per corner.
     """
 
     buffers: Buffers
@@ -119,8 +119,8 @@ class Outcome:
 class _State:
     """The state of the mesh after the steps that have run so far.
 
-    The field `buffers` is updated immediately only when a step adds rows. Changes without added rows are
-    accumulated in `pending`, and `flush` applies them.
+    A step that adds rows updates the field `buffers` immediately. All other changes are accumulated in
+    `pending`, until `flush` applies them.
     """
 
     buffers: Buffers
@@ -158,7 +158,7 @@ class _State:
     def apply(self, change: Change) -> None:
         """Apply a change to the maps and points.
 
-        Changes that add rows are also applied to the buffers. Changes without added rows are accumulated.
+        Changes that add rows are also applied to the buffers. Changes without added rows are collected.
         """
         old_vertex, old_face = change.vertex_map, change.face_map
         self.vertex_map = np.where(old_vertex == NONE, NONE, self.vertex_map[old_vertex])
@@ -202,8 +202,8 @@ def run_plan(
 ) -> Outcome:
     """Run the steps of the plan in order, and repeat all steps except weld until nothing changes.
 
-    The steps work on the mesh with merged seams. If no step changes the mesh, its seams stay unchanged. Only
-    seams of attributes that the result lacks, such as normals, are merged.
+    The steps work on the mesh with merged seams. If no step changes the mesh, its seams are kept. Only a seam
+    that is caused by a missing attribute, such as normals, is merged.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def run_plan(
     first : Change, optional
         A change to apply before the plan, such as removing hidden faces.
     trained : bool
-        Whether the mesh was trained by a method, so that corners of a soup coincide only by chance.
+        True if the mesh was trained by a method. In a trained soup, corners coincide only by chance.
 
     Raises
     ------
@@ -235,7 +235,7 @@ def run_plan(
     attributes = seam_attributes(buffers, domains, triangle_list=not trained)
     before, _ = audit_arrays(points, faces, attributes=attributes)
     seams = find_seams(points, faces, attributes) if first is None else None
-    # Drop the seam keys of attributes that the result lacks.
+    # Drop the seam keys of attributes that are missing in the result.
     buffers = {name: values for name, values in buffers.items() if name != SEAM_KEY}
     domains = {name: domain for name, domain in domains.items() if name != SEAM_KEY}
     carried, new_domains = _move_to_corners(buffers, domains, seams)
@@ -283,7 +283,7 @@ def run_plan(
 def _move_to_corners(
     buffers: Buffers, domains: Mapping[str, Domain], seams: Seams | None
 ) -> tuple[Buffers, Mapping[str, Domain]]:
-    """Return the buffers and their domains. Vertex values become corner values where vertices are merged.
+    """Return the buffers and their domains. If vertices are merged, vertex values become corner values.
 
     Colours are stored per corner if they differ at a seam. UVs are always stored per corner, so that merging
     vertices or filling a hole cannot distort the texture.
@@ -301,7 +301,7 @@ def _move_to_corners(
 
 
 def _order_steps(plan: Sequence[str], state: _State, peer: str | None) -> Iterator[str]:
-    """Yield all steps of the plan. After a change, yield the steps that may have to change the mesh again.
+    """Yield all steps of the plan, then repeat steps that earlier changes may affect.
 
     `weld` runs only once, because a second run would merge vertices that other steps have split.
     """
@@ -346,8 +346,7 @@ def _drop_nonfinite(state: _State) -> str:
 def list_defects(after: Audit, split: str | None = None) -> list[str]:
     """Return a description of each remaining kind of defect.
 
-    Some file formats split the shared vertices of the repaired mesh. If the file format does this, `split`
-    gives the reason.
+    If the file format splits shared vertices, `split` gives the reason.
     """
     after = after.judged
     counts, left = after.counts, []

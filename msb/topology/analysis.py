@@ -40,7 +40,8 @@ class Components:
     def largest(self) -> int | None:
         """Return the component with most faces, or None for a mesh without components.
 
-        If several components have the most faces, the largest area decides, then the lowest face number.
+        If several components have the largest number of faces, return the component with the largest area. If
+        the areas are equal, return the component with the lowest face index.
         """
         if self.count == 0:
             return None
@@ -50,7 +51,7 @@ class Components:
 
 @dataclass(frozen=True)
 class Offending:
-    """The numbers (n,) of faulty elements in ascending order. The keys are the names of the audit's
+    """The indices (n,) of faulty elements in ascending order. The keys are the names of the audit's
     counts."""
 
     edges: dict[str, NDArray[Any]]
@@ -61,8 +62,8 @@ class Offending:
 class Analysis:
     """A mesh with its half-edges, fans, boundary, components and face properties.
 
-    Pass arrays returned by `mesh_arrays`, which checks them. Each part of the analysis is computed on first
-    use with NumPy and SciPy. The time of each part in milliseconds is added to `timings_ms`.
+    The arrays must come from `mesh_arrays`, which checks the arrays. Each part of the analysis is computed on
+    first use with NumPy and SciPy. The time of each part is added to `timings_ms`, in milliseconds.
     """
 
     def __init__(self, vertices: NDArray[Any], faces: NDArray[Any]) -> None:
@@ -97,12 +98,12 @@ class Analysis:
 
     @property
     def components(self) -> Components:
-        """The components if faces are joined across all shared edges."""
+        """The connected components across all shared edges."""
         return self._components[0]
 
     @property
     def two_face_components(self) -> int:
-        """Number of components if faces are joined across two-face edges only."""
+        """The number of connected components across two-face edges only."""
         return self._components[1]
 
     @cached_property
@@ -138,8 +139,8 @@ class Analysis:
     def offending(self) -> Offending:
         """The elements that the audit reports, by the keys of its counts."""
         mesh, fans = self.mesh, self.fans
-        # Crowded edges are edges with more than two faces. Both half-edges of a flipped two-face edge start
-        # at the same vertex.
+        # Crowded edges are edges with more than two faces. A two-face edge is flipped if both half-edges
+        # start at the same vertex.
         crowded = np.flatnonzero(mesh.multiplicity > 2)
         first, second = mesh.two_face_halfedges
         flipped = np.flatnonzero(mesh.multiplicity == 2)[mesh.origin[first] == mesh.origin[second]]
@@ -166,10 +167,10 @@ class Analysis:
 
 
 def find_components(mesh: HalfEdgeMesh, area: NDArray[np.float64]) -> tuple[Components, int]:
-    """Return the components joined across all edges, and the number of components joined across two-face
-    edges only.
+    """Return the components joined across all edges. Also return the number of components joined across
+    two-face edges only.
     """
-    # `compact` (F,) numbers the faces without a repeated index consecutively.
+    # `compact` (F,) contains consecutive indices of the faces without a repeated index.
     proper = np.flatnonzero(~mesh.repeated_index)
     compact = np.full(mesh.face_count, NONE, mesh.faces.dtype)
     compact[proper] = np.arange(len(proper), dtype=mesh.faces.dtype)

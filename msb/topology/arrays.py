@@ -17,7 +17,7 @@ def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], ND
     """Return `vertices` (V, 3) as floats and `faces` (F, 3) as integers, and check that every index is valid.
 
     Coordinates keep their precision and may be NaN or infinite. Faces are int32, or int64 if vertex indices
-    need it.
+    are too large.
     """
     points = _check_array(vertices, "vertices", "fiu")
     triangles = _check_array(faces, "faces", "iu")
@@ -29,7 +29,7 @@ def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], ND
             raise MeshError("MESH_ARRAY", text)
     if triangles.size:
         _check_range(triangles, len(points))
-    if triangles.dtype == np.uint32 and len(points) < 2**31:  # Assets use this dtype. The top bit is unused.
+    if triangles.dtype == np.uint32 and len(points) < 2**31:  # Assets use uint32, and the top bit is unused.
         triangles = triangles.view(np.int32)
     return points, np.ascontiguousarray(triangles, np.int32 if len(points) < 2**31 else np.int64)
 

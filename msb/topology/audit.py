@@ -54,7 +54,7 @@ class Welded:
 
 @dataclass(frozen=True)
 class Sample:
-    """A faulty element: its number, its vertices, and the vertex coordinates in stored precision."""
+    """A faulty element: its index, its vertices, and the vertex coordinates in stored precision."""
 
     element: int
     vertices: tuple[int, ...]
@@ -70,14 +70,14 @@ class Audit:
     Attributes
     ----------
     path, method : str or None
-        The file of the mesh, and the training method of the model; None for plain arrays.
+        The file of the mesh, and the training method of the model. Both values are None for plain arrays.
     topology : {"triangle_soup", "indexed_mesh"}
-        "triangle_soup" if no vertex is used by two faces, determined from the face indices.
+        The value is "triangle_soup" if no vertex is used by two faces. Only the face indices are compared.
     is_soup : bool
         Whether every vertex is used by exactly one face, so that V = 3F.
     counts, metrics : Counts, Metrics
     valence_histogram : dict of int to int
-        The number of vertices for each number of edges at a vertex. Vertices without faces have 0 edges.
+        A histogram of the number of edges at a vertex (the valence). Vertices without faces have 0 edges.
     winding_consistent : bool
         Whether the two faces of every two-face edge run along that edge in opposite directions.
     samples : dict of str to tuple of Sample
@@ -85,34 +85,36 @@ class Audit:
     welded : Welded or None
         The result of the requested weld.
     seams : {"texture", "color", "normal", "format"} or None
-        The cause of the seams: texture coordinates, colours, attributes that are not read (such as normals),
-        or a format without shared vertices. None for a mesh without seams.
+        The cause of the seams, namely texture coordinates, colours, attributes that the reader ignores (such
+        as normals), or a format without shared vertices. The value is None for a mesh without seams.
     without_seams : Audit or None
-        The audit of the mesh with merged seams; None for a mesh without seams.
+        The audit of the mesh with merged seams. The value is None for a mesh without seams.
     closed_once_merged : bool
         Whether the mesh is open as stored, but closed, manifold and consistently wound after this weld.
         False if the mesh was not tested: with more than 200,000 faces, only a requested exact weld tests
         the mesh.
     merged : Merged or None
-        The counts of an open mesh of at most 200,000 faces after an exact weld, or after merging vertices of
-        boundary edges that differ by rounding. None if no weld was computed.
+        The counts of an open mesh after an exact weld, for at most 200,000 faces. If needed, vertices of
+        boundary edges that differ by rounding are merged as well. The value is None if no weld was computed.
     without_duplicates : Counts or None
-        The counts of a non-manifold mesh without its duplicate faces. None for a mesh without duplicate
-        faces.
+        The counts of a non-manifold mesh without its duplicate faces. The value is None for a mesh without
+        duplicate faces.
     bodies : Bodies or None
-        Whether the bodies of a closed mesh are inside out, flat, touch or cross; None for other meshes.
+        Whether the bodies of a closed mesh are inside out, flat, touch or cross. The value is None for other
+        meshes.
     corners_coincide : bool or None
-        For a triangle soup, whether an exact weld would join any two faces; None for other meshes.
+        For a triangle soup, whether an exact weld would join any two faces. The value is None for other
+        meshes.
     cross_check : list or None
         Rows of `msb.topology.crosscheck`.
     timings_ms : dict of str to float
         Milliseconds by stage.
     computed_by : str
-        "NumPy", or "OpenCL" and the device; NumPy and OpenCL give the same results.
+        The value is "NumPy", or "OpenCL" and the device. NumPy and OpenCL give the same results.
     verdict : {"ok", "limited", "bad"}
         Whether the stored mesh is usable for all tasks, for some tasks, or for hardly any task.
     sentence : str
-        A sentence with the tasks that the mesh is usable for, and the faults of the mesh.
+        A sentence that names the tasks for which the mesh is usable, and the faults of the mesh.
     """
 
     topology: Literal["triangle_soup", "indexed_mesh"]
@@ -138,7 +140,7 @@ class Audit:
 
     @property
     def judged(self) -> Audit:
-        """The audit for the verdict. For a mesh with seams, the audit with merged seams decides."""
+        """The audit for the verdict. For a mesh with seams, this is the audit with merged seams."""
         return self.without_seams or self
 
     @property
@@ -179,7 +181,7 @@ class Audit:
         return f"{name}: {kind}, {self.counts.vertices:,} vertices, {self.counts.faces:,} faces"
 
     def _rows(self) -> list[tuple[str, str, str]]:
-        """Return name, count and share of the most important counts."""
+        """Return the name, the count and the share for each of the most important counts."""
         c = self.judged.counts
         rows = [
             (name, f"{count:,}", percent(count, whole))
@@ -229,9 +231,9 @@ class Audit:
         }
 
     def variants(self) -> dict[str, dict[str, int]]:
-        """Two terms have several definitions. Return the count of each term by definition.
+        """Two terms of the audit have several definitions. Return the count for each definition of a term.
 
-        The audit prints the count under the first definition of each term.
+        The audit prints only the count for the first definition.
         """
         c = self.counts
         return {
@@ -256,7 +258,7 @@ def audit_arrays(
     attributes: Attributes | None = None,
     check_crossings: bool = True,
 ) -> tuple[Audit, Analysis]:
-    """Return the audit of plain arrays, and the analysis for viewers and exports.
+    """Return the audit of plain arrays. Also return the analysis for viewers and exports.
 
     The argument `attributes` contains the UVs and colours for which a file may duplicate vertices at seams.
     The function `msb.topology.seams.seam_attributes` returns these attributes. If `check_crossings` is true,
@@ -294,7 +296,7 @@ def audit_arrays(
         report = replace(report, without_duplicates=find_findings(points, single)[0].counts)
     if check_crossings and is_closed(report.counts) and not report.counts.nonfinite_faces:
         report = replace(report, bodies=check_bodies(points, triangles, report.counts.components))
-    # Test whether corners of the triangle soup meet, ignoring faces with a repeated index.
+    # Test whether corners of a triangle soup coincide. Ignore faces with a repeated index.
     coincide = None
     if report.counts.all_apart:
         degenerate = report.counts.repeated_index_faces > 0
@@ -306,9 +308,9 @@ def audit_arrays(
 def _name_stored_vertices(
     samples: dict[str, tuple[Sample, ...]], first: NDArray[Any]
 ) -> dict[str, tuple[Sample, ...]]:
-    """Return the samples with the vertex numbers of the file.
+    """Return the samples with the vertex indices of the file.
 
-    Merged vertex i is row `first[i]` (W,) of the file.
+    The merged vertex i has the index `first[i]` (W,) in the file.
     """
     return {
         kind: tuple(

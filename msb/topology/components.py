@@ -17,8 +17,8 @@ def label_components(count: int, first: NDArray[Any], second: NDArray[Any]) -> t
 
     if len(first) == 0:
         return count, np.arange(count, dtype=np.int32)
-    # SciPy adds up the values of repeated pairs. A float32 sum cannot overflow to zero, unlike an integer
-    # sum.
+    # SciPy adds up the values of repeated pairs, and the sum must not become 0. An integer sum could overflow
+    # to 0, but a float32 sum cannot.
     values = np.ones(len(first), np.float32)
     graph = coo_array((values, (first, second)), shape=(count, count)).tocsr()
     groups, labels = connected_components(graph, directed=False)

@@ -42,7 +42,7 @@ def find_findings(points: NDArray[Any], faces: NDArray[Any]) -> tuple[Findings, 
 
 
 def _shared_cpu() -> Device:
-    """Return the default device if its kernels are of style "cpu", otherwise the first CPU device."""
+    """Return the default device if it has kernels of style "cpu". Otherwise return the first CPU device."""
     from msb.cl import shared_device
     from msb.cl.devices import choose_device
 

@@ -11,7 +11,7 @@ from msb.topology.analysis import Analysis
 
 @dataclass(frozen=True)
 class ElementGroup:
-    """Elements of one kind: their numbers (n,) and their vertices (n, 1), (n, 2) or (n, 3)."""
+    """Elements of one kind. The fields are the indices (n,) and the vertices (n, 1), (n, 2) or (n, 3)."""
 
     kind: str
     numbers: NDArray[Any]
@@ -23,8 +23,9 @@ class Elements:
     """A mesh with its faulty elements and its components.
 
     The field `groups` is sorted in the order vertices, edges, faces. The kinds of elements are keys of the
-    audit's counts. The number of an edge is its position among the sorted vertex pairs. The field
-    `face_component` (F,) numbers components by size, the largest first. Faces with a repeated index have -1.
+    audit's counts. The index of an edge is its position among the sorted vertex pairs. The field
+    `face_component` (F,) numbers components by size, the largest first. The component is -1 for faces with a
+    repeated index.
     """
 
     vertices: NDArray[Any]
@@ -52,5 +53,5 @@ def _rank_by_size(analysis: Analysis) -> NDArray[Any]:
     order = np.lexsort((np.arange(components.count), -components.areas, -components.sizes))
     rank = np.zeros(components.count + 1, components.face_component.dtype)
     rank[order] = np.arange(components.count)
-    rank[-1] = -1  # The index -1 (NONE) stays -1.
+    rank[-1] = -1  # The value -1 (NONE) stays -1.
     return np.asarray(rank[components.face_component])

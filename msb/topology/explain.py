@@ -25,7 +25,7 @@ class Explanation:
     name : str
         The key in the audit's JSON.
     symbol : str
-        The symbol in formulas; may be empty.
+        The symbol in formulas, which may be empty.
     title : str
         The quantity in plain words.
     formula : str
@@ -37,7 +37,7 @@ class Explanation:
     source : str
         Where the definition comes from: the section of the paper, or the reason for our decision.
     special : str
-        Values for empty, degenerate or damaged meshes; empty if no value is special.
+        Values for empty, degenerate or damaged meshes. The text is empty if no value is special.
     peers : mapping of str to str
         For each library, "agrees" or the exact difference.
     aliases : tuple of str
@@ -102,9 +102,9 @@ def explain(name: str) -> Explanation:
     Parameters
     ----------
     name : str
-        The key of the quantity in the JSON (`nonmanifold_edge_ratio`), with or without the enclosing object
-        (`metrics.nonmanifold_edge_ratio`), or its symbol in formulas (`nm_edge_ratio`, `E_gt2`). Upper and
-        lower case are equal, and "-" may replace "_".
+        The key of the quantity in the JSON, or the symbol in formulas. Examples are `nonmanifold_edge_ratio`,
+        `metrics.nonmanifold_edge_ratio` (with the enclosing object), `nm_edge_ratio` and `E_gt2`. Upper and
+        lower case are not distinguished, and "-" may replace "_".
 
     Examples
     --------
@@ -119,15 +119,15 @@ def explain(name: str) -> Explanation:
         for known in (entry.name, entry.symbol, *entry.aliases)
         if known
     }
-    # `LCC_area` and `lcc_area` are symbols of different quantities. A name with other capital letters selects
-    # the first quantity, which is a column of the paper.
+    # `LCC_area` and `lcc_area` are symbols of different quantities. If only the case differs, the name
+    # selects the first matching quantity, which is a column of the paper.
     folded: dict[str, Explanation] = {}
     for known, entry in exact.items():
         folded.setdefault(known.casefold(), entry)
     match = exact.get(wanted) or folded.get(wanted.casefold())
     if match is None:
-        # Suggest names that contain the text, such as "manifold", or that have a similar spelling. A cutoff
-        # of 0.7 avoids chance matches.
+        # Suggest names that contain the text, such as "manifold", or that have a similar spelling. The cutoff
+        # 0.7 avoids chance matches.
         near = difflib.get_close_matches(wanted.casefold(), folded, 3, 0.7)
         near += [known for known in folded if len(wanted) > 2 and wanted.casefold() in known]
         near = list(dict.fromkeys(near))[:4]

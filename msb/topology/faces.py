@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 # Faces per batch. The corners of a batch take 19 MB (nine doubles each).
 _CHUNK = 1 << 18
-# Faces per batch of a volume computation.
+# Number of faces per batch when volumes are computed.
 _VOLUMES_AT_ONCE = 1 << 15
 
 
 def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the area (F,) of each face in squared length units, and whether it is finite (F,).
+    """Return the area (F,) of each face in squared length units. Also return whether the area is finite (F,).
 
     The area is half the norm of the cross product in double precision. An area that is not finite becomes 0.
     """
@@ -21,7 +21,7 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
         for start in range(0, len(faces), _CHUNK):
             corners = vertices[faces[start : start + _CHUNK]].astype(np.float64)
             first = corners[:, 0]
-            # The written-out sum has a fixed order, so that the kernels give bit-identical areas.
+            # This explicit sum has a fixed order, so that the kernels give bit-identical areas.
             x, y, z = np.cross(corners[:, 1] - first, corners[:, 2] - first).T
             area[start : start + _CHUNK] = 0.5 * np.sqrt(x * x + y * y + z * z)
     finite = np.isfinite(area)
@@ -30,7 +30,7 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
 
 
 def face_vectors(points: NDArray[np.float64], faces: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the normal of each face times twice its area (F, 3)."""
+    """Return the normals (F, 3) of the faces. The length of a normal is twice the area of the face."""
     corners = points[faces]
     vectors: NDArray[np.float64] = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return vectors
@@ -45,10 +45,12 @@ def signed_volume(vertices: NDArray[Any], faces: NDArray[np.int64]) -> float:
 
 
 def signed_volumes(vertices: NDArray[Any], faces: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the signed volume (F,) of the tetrahedron between each face and the first corner of the mesh.
+    """Return the signed volume (F,) of a tetrahedron for each face. The tetrahedron connects the face with
+    the first corner of the mesh.
 
-    The sum over a closed body is its volume in cubed length units. The volume is negative if the body is
-    wound inwards. Using a point of the mesh as apex keeps rounding errors small.
+    For a closed body, the sum of these volumes is the volume of the body in cubed length units. The volume is
+    negative if the body is wound inwards. The first corner lies on the mesh, which keeps rounding errors
+    small.
     """
     volumes = np.zeros(len(faces))
     if not len(faces):
@@ -65,10 +67,10 @@ def signed_volumes(vertices: NDArray[Any], faces: NDArray[Any]) -> NDArray[np.fl
 
 
 def sum_areas(area: NDArray[np.float64], group: NDArray[Any], groups: int) -> NDArray[np.float64]:
-    """Return the area (groups,) of each group of faces, added in the order of the faces.
+    """Return the area (groups,) of each group of faces.
 
     The argument `area` (F,) must not be negative. The argument `group` (F,) is the group of each face.
-    Rounding is monotone. Adding in face order guarantees that the area of a group never exceeds the area of
+    Rounding is monotone. The areas are added in face order, so the area of a group never exceeds the area of
     all faces. If all other faces have zero area, the area of the group equals the area of all faces.
     """
     return np.bincount(group, weights=area, minlength=groups).astype(np.float64)
@@ -91,7 +93,8 @@ def names_vertex_twice(faces: NDArray[Any]) -> NDArray[np.bool_]:
 
 
 def find_duplicate_faces(faces: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which faces (F,) repeat an earlier face: the same three indices in any order or winding.
+    """Return which faces (F,) repeat an earlier face. Such faces have the same three indices in any order or
+    winding.
 
     The first face of each set of duplicates is not marked. Takes O(F log F) time.
     """
@@ -99,10 +102,10 @@ def find_duplicate_faces(faces: NDArray[Any]) -> NDArray[np.bool_]:
     if len(faces) < 2:
         return extra
     low, high = faces.min(axis=1), faces.max(axis=1)
-    # The middle index is the sum minus the lowest and the highest index. If the sum overflows, the
-    # subtraction corrects the result.
+    # The middle index is the sum minus the lowest and the highest index. The sum of the indices may overflow,
+    # but the subtraction then wraps back to the right value.
     middle = faces[:, 0] + faces[:, 1] + faces[:, 2] - low - high
-    order = np.lexsort((high, middle, low))  # The sort is stable: equal rows stay in ascending order
+    order = np.lexsort((high, middle, low))  # The sort is stable, so equal rows stay in ascending order
     same = np.ones(len(faces) - 1, bool)
     for column in (low, middle, high):
         sorted_column = column[order]
@@ -112,13 +115,14 @@ def find_duplicate_faces(faces: NDArray[Any]) -> NDArray[np.bool_]:
 
 
 # Maximum number of faces that xatlas cuts into charts in one call. The time of xatlas grows with the square
-# of this number: 48,000 faces took 23 s in one block, and 5 s in blocks of this size. xatlas crashed on a
+# of this number. 48,000 faces took 23 s in one block, and 5 s in blocks of this size. xatlas crashed on a
 # sphere of 81,920 faces.
 UNWRAP_FACES = 8192
 
 
 def split_into_blocks(centers: NDArray[Any], most: int) -> list[NDArray[Any]]:
-    """Divide faces, given by their centres (F, 3), into compact blocks of at most `most` face numbers."""
+    """Divide the faces into compact blocks by their centres (F, 3). A block contains the indices of at most
+    `most` faces."""
     blocks = [np.arange(len(centers))]
     while len(blocks[0]) > most:
         halves = []

@@ -1,9 +1,8 @@
 """Fans around vertices, boundary loops, and the definitions of a non-manifold vertex.
 
 A *fan* is a set of corners at one vertex that are connected across two-face edges. A vertex is manifold
-exactly if it has one fan. If the link of a manifold vertex is cut at nodes of degree three and more, the
-result is a single path or cycle. The proof is in docs/definitions.md. Tests check the identity *strict =
-several fans = multifan or endpoint of a non-manifold edge*.
+exactly if it has one fan. Tests check the identity *strict = several fans = multifan or endpoint of a
+non-manifold edge*. The proof is in docs/definitions.md.
 """
 
 from dataclasses import dataclass
@@ -23,13 +22,15 @@ class Fans:
     Attributes
     ----------
     corner_fan : (3F,) integers
-        Fan of each corner (corner 3 f + k is vertex k of face f); NONE in repeated-index rows.
+        The fan of each corner. Corner 3 f + k means vertex k of face f. The value is NONE for faces with a
+        repeated index.
     fan_vertex : (n,) integers
         The vertex of each fan.
     fans_per_vertex : (V,) integers
         Number of fans: 0 for a vertex without proper faces, 1 for a manifold vertex.
     groups_per_vertex : (V,) integers
-        Number of groups if corners are joined across every shared edge, including non-manifold edges.
+        Number of groups of corners if the corners are joined across every shared edge, including non-manifold
+        edges.
     """
 
     corner_fan: NDArray[Any]
@@ -39,8 +40,8 @@ class Fans:
 
 
 def find_end_corners(mesh: HalfEdgeMesh, halfedges: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """For each half-edge, return the corners of its face at the low vertex and at the high vertex of the
-    edge.
+    """For each half-edge, return two corners of its face. The first corner is at the low vertex of the edge,
+    and the second corner is at the high vertex.
     """
     after = next_in_face(halfedges)
     origin = mesh.origin
@@ -49,14 +50,14 @@ def find_end_corners(mesh: HalfEdgeMesh, halfedges: NDArray[Any]) -> tuple[NDArr
 
 
 def group_corners(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any]) -> tuple[int, NDArray[Any]]:
-    """Join the corners at each vertex across the given pairs of half-edges.
+    """At each vertex, join the corners across the given pairs of half-edges.
 
-    Both half-edges of a pair lie on one edge. Return the number of groups and the group (3F,) of each corner.
-    Groups are numbered by their first corner. Corners of faces with a repeated index have NONE.
+    The two half-edges of a pair lie on the same edge. Return the number of groups and the group (3F,) of each
+    corner. Groups are numbered by their first corner. The group is NONE for corners of faces with a repeated
+    index.
     """
     corners = np.flatnonzero(~np.repeat(mesh.repeated_index, 3))
-    # Number only the corners of faces without a repeated index. Corners of faces with a repeated index get
-    # no labels.
+    # Number only the corners of faces without a repeated index.
     compact = np.full(mesh.faces.size, NONE, mesh.faces.dtype)
     compact[corners] = np.arange(len(corners), dtype=mesh.faces.dtype)
     count, labels = _join(mesh, compact, first, second, len(corners))
@@ -87,9 +88,9 @@ def find_fans(mesh: HalfEdgeMesh) -> Fans:
 def _join(
     mesh: HalfEdgeMesh, node_of_corner: NDArray[Any], first: NDArray[Any], second: NDArray[Any], count: int
 ) -> tuple[int, NDArray[np.int32]]:
-    """Join the nodes at both ends of each pair of half-edges that share an edge.
+    """Each pair of half-edges shares an edge. Join the nodes at both ends of the edge.
 
-    Return group numbers like `label_components`.
+    Return group indices in the form of `label_components`.
     """
     first_low, first_high = find_end_corners(mesh, first)
     second_low, second_high = find_end_corners(mesh, second)
@@ -100,11 +101,12 @@ def _join(
 
 @dataclass(frozen=True)
 class Boundary:
-    """The boundary edges `edges` (B,), ascending, and the `chain` (B,) of each edge.
+    """The boundary edges `edges` (B,) in ascending order. `chain` (B,) is the index of the chain that
+    contains each edge.
 
-    Two boundary edges are linked if they are the two outer edges of one open fan. A `closed` chain is a loop:
-    the rim of a hole or the outline of an open sheet. Any other chain ends at a fan whose other outer edge is
-    non-manifold.
+    Two boundary edges are linked if they are the two outer edges of one open fan. A `closed` chain is a
+    boundary loop: the rim of a hole, or the outline of an open sheet. Any other chain ends at a fan whose
+    other outer edge is non-manifold.
     """
 
     edges: NDArray[Any]
@@ -125,14 +127,15 @@ class Boundary:
 def find_boundary(mesh: HalfEdgeMesh, fans: Fans) -> Boundary:
     """Return the boundary loops and chains of `mesh`.
 
-    An open fan has two outer edges. If both outer edges are boundary edges, they follow each other along
-    the boundary. Every boundary edge has at most one follower at each end. Connected edges therefore form
-    paths or cycles. A cycle has as many links as edges. At a vertex with several fans, loops touch but stay
-    separate.
+    An open fan has two outer edges. If both outer edges are boundary edges, the two edges are neighbours
+    along the boundary. Every boundary edge has at most one neighbour at each end. Connected edges therefore
+    form paths or cycles. A chain is a cycle if it has as many links as edges. At a vertex with several fans,
+    loops touch but stay separate.
     """
     edges = np.flatnonzero(mesh.multiplicity == 1)
     halfedge = mesh.edge_halfedges[mesh.edge_offsets[edges]]
-    # Find the fans of both ends of each boundary half-edge. Link two ends that lie in the same fan.
+    # Find the fans of both ends of each boundary half-edge. Link two boundary edges if their ends lie in the
+    # same fan.
     fan = np.concatenate([fans.corner_fan[halfedge], fans.corner_fan[next_in_face(halfedge)]])
     side = np.tile(np.arange(len(edges)), 2)
     order = np.argsort(fan, kind="stable")

@@ -11,8 +11,8 @@ from msb.topology.faces import sum_areas
 
 # Number of listed faulty elements of each kind.
 SAMPLES = 3
-# For each key of the counts, the first few faulty elements in ascending order. An element is the pair
-# (element number, vertices).
+# For each key of the counts, the first few faulty elements in ascending order. A faulty element is the pair
+# (index of the element, its vertices).
 First = dict[str, tuple[tuple[int, tuple[int, ...]], ...]]
 
 
@@ -50,9 +50,9 @@ class Counts:
 
     @property
     def all_apart(self) -> bool:
-        """Whether no two faces share a vertex, as in a triangle soup, even if the mesh has degenerate faces.
+        """Whether no two faces share a vertex, as in a triangle soup. The mesh may have degenerate faces.
 
-        Faces with a repeated index do not use vertices. A mesh without valid faces is not a triangle soup.
+        Faces with a repeated index are ignored. A mesh without valid faces is not a triangle soup.
         """
         return self.referenced_vertices == 3 * (self.faces - self.repeated_index_faces) > 0
 
@@ -63,7 +63,7 @@ class Findings:
 
     Areas are in squared length units. Areas are added in face order, so both implementations give equal sums.
     The field `shares_vertices` is true if two faces share a vertex. The field `first` lists the first edges,
-    vertices and faces of each count. The number of an edge is its position among the sorted vertex pairs.
+    vertices and faces of each count. The index of an edge is its position among the sorted vertex pairs.
     Comparisons ignore `timings_ms` and `computed_by`.
     """
 
@@ -117,10 +117,10 @@ def find_by_numpy(analysis: Analysis) -> Findings:
 
 
 def first_of(numbers: Any, vertices: Any = None) -> tuple[tuple[int, tuple[int, ...]], ...]:
-    """Return the first few of the ascending element `numbers`, each with its vertices.
+    """Return the first few of the ascending element indices `numbers`. Also return the vertices of each
+    element.
 
-    An element has the vertices in its row of `vertices`. If `vertices` is None, the element is a vertex
-    itself.
+    Row i of `vertices` contains the vertices of element i. If `vertices` is None, the elements are vertices.
     """
     return tuple(
         (int(i), (int(i),) if vertices is None else tuple(map(int, vertices[i]))) for i in numbers[:SAMPLES]

@@ -5,7 +5,7 @@ non-manifold mesh before the audit counts it. In this structure an edge is a *gr
 half-edges. No face or vertex is merged, dropped, reoriented or repaired.
 
 Half-edge ``h = 3 f + k`` belongs to face f and runs from corner k to corner k + 1 (mod 3) of that face. The
-corner at the start of half-edge h has the number h. The definitions come from docs/definitions.md and the
+corner at the start of half-edge h has the index h. The definitions come from docs/definitions.md and the
 paper, "Topology-Metric Definitions and Interpretation Limits".
 """
 
@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from msb.topology.faces import names_vertex_twice
 
-# The number of a missing element in arrays of element numbers.
+# The index of a missing element.
 NONE = -1
 
 
 @dataclass(frozen=True)
 class HalfEdgeMesh:
-    """A triangle mesh as half-edges. Element numbers are int32, or int64 from 2^31 vertices on.
+    """A triangle mesh as half-edges. Element indices are int32, or int64 from 2^31 vertices on.
 
     Attributes
     ----------
@@ -32,11 +32,11 @@ class HalfEdgeMesh:
     faces : (F, 3) integers
         The faces as given, including faces with a repeated index.
     edge_vertices : (E, 2) integers
-        The distinct unordered pairs (low, high) of all faces without a repeated index, in ascending order.
+        The distinct vertex pairs (low, high) of all faces without a repeated index, in ascending order.
     edge_offsets : (E + 1,) integers
-        Edge e has the half-edges ``edge_halfedges[edge_offsets[e] : edge_offsets[e + 1]]``.
+        The half-edges of edge e are ``edge_halfedges[edge_offsets[e] : edge_offsets[e + 1]]``.
     edge_halfedges : (3 (F - F_repeated),) integers
-        Half-edges grouped by edge, ascending within each group.
+        Half-edges grouped by edge. Within each group, the half-edges are in ascending order.
     """
 
     vertex_count: int
@@ -77,7 +77,7 @@ class HalfEdgeMesh:
 
     @cached_property
     def edge(self) -> NDArray[Any]:
-        """(3F,) edge of each half-edge. Faces with a repeated index have NONE."""
+        """(3F,) edge of each half-edge. The value is NONE for faces with a repeated index."""
         edge = np.full(self.faces.size, NONE, self.faces.dtype)
         edge[self.edge_halfedges] = np.repeat(
             np.arange(self.edge_count, dtype=self.faces.dtype), self.multiplicity
@@ -86,15 +86,16 @@ class HalfEdgeMesh:
 
     @property
     def two_face_halfedges(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        """The two half-edges of every two-face edge, in edge order, each (E2,)."""
+        """The two half-edges of every two-face edge, as two arrays (E2,) in the order of the edges."""
         start = self.edge_offsets[:-1][self.multiplicity == 2]
         return self.edge_halfedges[start], self.edge_halfedges[start + 1]
 
     @property
     def chained_halfedges(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Pairs of consecutive half-edges in the group of each edge with three or more faces.
+        """At each edge with three or more faces, return the pairs of consecutive half-edges.
 
-        Joining these pairs joins all half-edges of the edge. For k half-edges, k - 1 pairs suffice.
+        Joining these pairs joins all half-edges of the edge. For an edge with k half-edges, k - 1 pairs
+        suffice.
         """
         crowded = np.repeat(self.multiplicity > 2, self.multiplicity)
         last = np.zeros(len(crowded), bool)
@@ -128,12 +129,12 @@ def build_half_edges(faces: NDArray[Any], vertex_count: int) -> HalfEdgeMesh:
     rows = faces[valid]
     origin, target = rows.reshape(-1), rows[:, (1, 2, 0)].reshape(-1)
     low, high = np.minimum(origin, target), np.maximum(origin, target)
-    # One 64-bit key for each vertex pair. Equal keys belong to one edge.
+    # One 64-bit key for each vertex pair. Half-edges with equal keys belong to one edge.
     key, order = _sort_keys(low.astype(np.uint64) * np.uint64(max(vertex_count, 1)) + high.astype(np.uint64))
     is_first = np.ones(len(key), bool)
     np.not_equal(key[1:], key[:-1], out=is_first[1:])
     first = np.flatnonzero(is_first)
-    # Number the half-edges, and find the first half-edge of each edge in sorted order.
+    # Number the edges, and find the first half-edge of each edge in sorted order.
     halfedges = (valid.astype(dtype)[:, None] * 3 + np.arange(3, dtype=dtype)).reshape(-1)
     leader = order[first]
     return HalfEdgeMesh(
@@ -146,10 +147,10 @@ def build_half_edges(faces: NDArray[Any], vertex_count: int) -> HalfEdgeMesh:
 
 
 def _sort_keys(key: NDArray[np.uint64]) -> tuple[NDArray[np.uint64], NDArray[Any]]:
-    """Return the keys in ascending order and their original positions. Equal keys keep their order.
+    """Return the keys in ascending order, and the original position of each key. Equal keys keep their order.
 
-    For up to about two million faces, a key and its position fit into 64 bits together. The function then
-    sorts packed numbers. Sorting packed numbers is six times as fast as sorting positions by key.
+    For up to about two million faces, a key and its position can be packed into 64 bits. The function then
+    sorts these packed numbers. Sorting packed numbers is six times as fast as sorting positions by key.
     """
     bits = np.uint64(len(key).bit_length())
     if int(key.max(initial=0)) >> (64 - int(bits)):

@@ -2,13 +2,13 @@
 
 `findings.find_by_numpy` is the readable version of this module.
 
-1. Corners are sorted into blocks of vertices. A block fits into the cache of a processor core. Each corner
-   has the other two vertices of its face.
-2. Each vertex of a block is visited with all its faces. Two faces at a vertex may share a neighbour vertex.
-   The shared neighbours determine edges, fans, duplicates and the boundary. All pairs of faces at a vertex
-   are compared (audit_small.cl). If there are many faces, the faces are sorted instead (audit_large.cl).
-3. The visits give lists of pairs of connected faces. Uniting the pairs gives the components. The lowest face
-   of a component is its root (audit_pairs.cl).
+1. Corners are sorted into blocks of vertices. A block fits into the cache of a processor core. A corner
+   stores the other two vertices of its face.
+2. Each vertex of a block is visited together with its faces. Common neighbour vertices of two faces
+   determine edges, fans, duplicates and the boundary. A kernel compares all pairs of faces at a vertex
+   (audit_small.cl). If a vertex has many faces, another kernel sorts the faces instead (audit_large.cl).
+3. Each visit adds pairs of connected faces to lists. Uniting the pairs gives the components. The root of a
+   component is its lowest face (audit_pairs.cl).
 
 docs/audit_speed.md gives reasons and measurements.
 """
@@ -25,7 +25,7 @@ from msb.cl import Buffer, Device, Program
 from msb.topology.findings import SAMPLES, Findings
 from msb.topology.tally import Totals, add_up, tally_dtype
 
-# Kinds of face pairs in audit_pairs.cl.
+# Kinds of face pairs in audit_pairs.cl: two faces at a two-face edge, at a crowded edge, and along a rim.
 TWO_FACE, CROWDED, RIM = range(3)
 
 
@@ -39,19 +39,20 @@ class Sizes:
         Average number of corners in a block of vertices. The default takes 200 KB, so that a second-level
         cache holds two blocks.
     most_blocks : int
-        Maximum number of blocks; each block is a separate write stream.
+        Maximum number of blocks. Each block is written as a separate stream.
     large_block : int
-        Maximum number of corners of a block that a work-item copies to sort it; larger blocks are sorted in
-        place. The limit is at least 1/16 of the corners per worker.
+        Maximum number of corners of a block that a work-item copies to sort the block. Larger blocks are
+        sorted in place. The limit is at least 1/16 of the corners per worker.
     rounds : int
-        Number of rounds in which the blocks are processed, reusing the same memory. One more round is added
-        if a block of vertices exceeds `large_block`.
+        Number of rounds. Each round processes some of the blocks in the same memory. If a block of vertices
+        exceeds `large_block`, there is one more round.
     most_compared : int
-        Maximum number of faces of a vertex that are compared pairwise; a multiple of 8, up to 32.
+        Maximum number of faces of a vertex that are compared pairwise. The number is a multiple of 8, up to
+        32.
     chunk_pairs : int
-        Number of face pairs in a chunk of the list, more than four times `most_compared`.
+        Number of face pairs in a chunk of the list. The number is more than four times `most_compared`.
     valences : int
-        Length of the valence table. Larger valences are listed singly.
+        Length of the valence table. Larger valences are listed individually.
     """
 
     block_corners: int = 12288
@@ -94,7 +95,7 @@ class _Run:
             points = points.astype(np.float64)
         self.points, self.faces = np.ascontiguousarray(points), faces
         self.device, self.workers, self.sizes = device, workers, sizes
-        # Use twice as many chunks of faces as workers, which balances the load if a worker is delayed.
+        # With twice as many chunks of faces as workers, a delayed worker does not delay the audit.
         self.chunks = 2 * workers
         self.chunk = -(-len(faces) // self.chunks)
         self.tally = tally_dtype(sizes.valences)
@@ -141,7 +142,8 @@ class _Run:
     # ---- stages
 
     def _count_corners(self) -> None:
-        """Choose the blocks of vertices and count the corners (chunks, blocks) of each."""
+        """Choose the blocks of vertices, and count the corners (chunks, blocks) of each chunk in each
+        block."""
         face_count, vertex_count, sizes = len(self.faces), len(self.points), self.sizes
         count = min(max(3 * face_count // sizes.block_corners, 1), sizes.most_blocks)
         self.shift = max((vertex_count // count).bit_length() - 1, 0)
@@ -155,14 +157,14 @@ class _Run:
         self.starts = np.concatenate([[0], np.cumsum(self.counts.sum(axis=0, dtype=np.int64))])
 
     def _visit_vertices(self) -> None:
-        """Move the corners into their blocks and visit the vertices there, round by round."""
+        """Round by round, move the corners into their blocks and visit the vertices of the blocks."""
         block_sizes, face_count = np.diff(self.starts), len(self.faces)
         share = 3 * face_count // (16 * self.workers)
         self.large = max(self.sizes.large_block, share)
         largest = int(block_sizes.max(initial=0))
         rounds = self.sizes.rounds + (largest > self.large)
-        # `room` is the number of corners per round. The room is 1/32 larger than an equal share, because
-        # blocks cannot be divided evenly. The room is at least the size of the largest block.
+        # `room` is the number of corners per round. `room` is 1/32 larger than an equal share, because blocks
+        # cannot be divided evenly. `room` is at least the number of corners of the largest block.
         room = max(int(self.starts[-1]) // rounds * 33 // 32, largest)
         self.memory = _allocate_pages(max(room + 1, -(-3 * face_count // 2)) * 16)
         records = self._share(self.memory, "corners")
@@ -200,11 +202,11 @@ class _Run:
             first = end
 
     def _place_corners(self, records: Buffer, first: int, end: int, spare: int) -> None:
-        """Run place_corners for the blocks `first` to `end`.
+        """Run the kernel place_corners for the blocks `first` to `end`.
 
         `cursors` (chunks, blocks + 1) holds the first position at which each chunk writes into each block.
-        Inside a block, the corners of the chunks follow each other. The last column is a spare position for
-        the corners of all other blocks.
+        Inside a block, the corners of one chunk follow the corners of the previous chunk. The last column is
+        a spare position, at which the corners of all other blocks are written.
         """
         counts = self.counts[:, first:end]
         cursors = np.full((self.chunks, end - first + 1), spare, np.uint32)
@@ -228,7 +230,7 @@ class _Run:
         )  # fmt: skip
 
     def _make_lists(self, rounds: int) -> None:
-        """Allocate chunks for at most one face pair per half-edge. Some chunks stay partly filled."""
+        """Allocate memory chunks for at most one face pair per half-edge."""
         sizes, kinds = self.sizes, 3
         full = 3 * len(self.faces) // (sizes.chunk_pairs - 2 * sizes.most_compared) + 1
         begun = kinds * (self.workers + 1) * (2 * rounds + 2)
@@ -236,9 +238,9 @@ class _Run:
         self.fills = self._allocate(full + begun + 1, np.uint32, "chunks of pairs")
 
     def _allocate_scratch(self, workers: int, corners: int, *, large: bool = False) -> tuple[Buffer, int]:
-        """Return the scratch buffer of the kernel visit_blocks, and the number of its words for each
+        """Return the scratch buffer of the kernel visit_blocks. Also return the number of words for each
         work-item."""
-        starts = (1 << self.shift) + 1  # Two tables of 32-bit numbers fit into the buffer.
+        starts = (1 << self.shift) + 1  # Two 32-bit tables fit into this number of words.
         words = starts + 1 + (4 if large else 6) * corners
         words += words % 2
         return self._allocate_large(words * workers, np.uint64, "scratch"), words
@@ -246,13 +248,13 @@ class _Run:
     def _count_components(self) -> tuple[int, int]:
         """Return the number of components across all shared edges and across two-face edges only."""
         self.chunks_used = int(self.used[1].read()[0])
-        # Every union of two sets reduces the number of components by one.
+        # Each union of two sets reduces the number of components by one.
         proper = len(self.faces) - int(self.improper[:, 0].sum())
         two_face = proper - self._unite_pairs(TWO_FACE, self.parents)
         return two_face - self._unite_pairs(CROWDED, self.parents), two_face
 
     def _unite_pairs(self, kind: int, parents: Buffer) -> int:
-        """Unite the face pairs of a kind. Return the number of unions that joined two different sets."""
+        """Unite the face pairs of the given kind. Return the number of unions of two different sets."""
         joined = self._allocate_zeros(self.workers, np.uint32, "joined")
         chunk = self._allocate_zeros(1, np.uint32, "next chunk")
         scalars = _to_uints(self.chunks_used, kind)
@@ -260,10 +262,11 @@ class _Run:
         return int(joined.read().sum(dtype=np.int64))
 
     def _measure_faces(self) -> tuple[float, float, int, int, NDArray[np.uint32]]:
-        """Return total area, area and faces of the largest component, boundary loops, degenerate faces."""
+        """Return the total area, the area and the number of faces of the largest component, the number of
+        boundary loops, and the degenerate faces."""
         count = len(self.faces)
         # The next stage needs 24 bytes of memory per face. Reuse the memory of the corners, because the
-        # system has already mapped its pages.
+        # system has already mapped the pages of this memory.
         cuts = np.split(self.memory[: 24 * count], [8 * count, 16 * count, 20 * count])
         areas = self._share(cuts[0].view(np.float64), "areas")
         sums = self._share(cuts[1].view(np.float64), "sums of areas")
@@ -276,8 +279,8 @@ class _Run:
             areas, self.parents, sizes, rims, strange, *_to_uints(count, self.chunk),
         )  # fmt: skip
 
-        # Unite faces that follow each other along the boundary. In each boundary loop, one pair connects two
-        # faces that are already in one set.
+        # Unite faces that follow each other along the boundary. In each boundary loop, the last pair connects
+        # two faces that are already in one set.
         joined = self._unite_pairs(RIM, rims)
         counts = self._allocate(2, np.uint32, "largest component")
         area_sums = self._allocate(2, np.float64, "areas of the largest component and of all faces")
@@ -285,7 +288,7 @@ class _Run:
         chunk_fills = self.fills.read()[1 : self.chunks_used + 1]
         pairs = int((chunk_fills[chunk_fills % 4 == RIM] // 4).sum(dtype=np.int64))
         largest, single_faces = (int(n) for n in counts.read())
-        # A face without shared edges forms a boundary loop of its three edges.
+        # Each face without shared edges is an additional boundary loop.
         largest_area, total = (float(x) for x in area_sums.read())
         return total, largest_area, largest, pairs - joined + single_faces, strange.read()
 

@@ -1,17 +1,17 @@
-"""Text of ratios and component counts of an audit, as the terminal and reports print them."""
+"""Text of ratios and component counts of an audit, for the terminal and for reports."""
 
 import math
 
-# Decimals of ratios and averages, as in the table of mesh diagnostics of the paper.
+# Number of decimals of ratios and averages, as in the paper's table of mesh diagnostics.
 DECIMALS = 2
 # Larger counts are printed in millions. Smaller counts are printed in full, because "0.00 M" is useless.
 _MILLIONS_FROM = 1e5
-# Means of counts below this limit are printed with one decimal if they have a fraction.
+# Averages below this limit are printed with one decimal if they are not whole numbers.
 _FRACTIONS_BELOW = 100
 
 
 def format_metric(metric: str, value: float) -> str:
-    """Return the value of a metric of `msb.topology.audit.Metrics` as tables print it.
+    """Return a metric of `msb.topology.audit.Metrics` as text for tables.
 
     Examples
     --------

@@ -2,8 +2,7 @@
 
 In most formats a vertex row has a single UV coordinate, colour and normal. A triangle list shares no vertices
 at all. The page docs/definitions.md ("Seams") has the definition. Vertices duplicated for another reason are
-not seams. If vertices are duplicated for other reasons, `closes_once_merged` tells whether an exact weld
-would close the mesh.
+not seams. For such vertices, `closes_once_merged` tells whether an exact weld would close the mesh.
 """
 
 from collections.abc import Mapping
@@ -24,21 +23,22 @@ from msb.topology.weld import Weld, find_coincident_vertices, merge_coincident, 
 
 # Names of attributes that make a file duplicate vertices. Attributes by vertex: "uv" (V, 2), "color" (V, n)
 # and "seam_key" (V,). Attributes by corner: "corner_uv" (3F, 2), "corner_color" (3F, n) and
-# "corner_seam_key" (3F,). Attribute by face: "face_texture" (F,). A "seam_key" is a hash of all attributes
-# that are not read, such as normals and tangents. The entry TRIANGLE_LIST means that a triangle soup may be
-# a surface without shared vertices. The value of the entry TRIANGLE_LIST does not matter.
+# "corner_seam_key" (3F,). Attribute by face: "face_texture" (F,). The attribute "seam_key" is a hash of all
+# attributes that the reader ignores, such as normals and tangents. The entry TRIANGLE_LIST means that a
+# triangle soup may be a surface without shared vertices. The value of the entry TRIANGLE_LIST does not
+# matter.
 Attributes = Mapping[str, NDArray[Any]]
 SeamKind = Literal["texture", "color", "normal", "format"]
-# A triangle soup is a surface without shared vertices if more than this share of its edges coincide with
-# another edge. The corners of trained triangle soups coincide by chance only.
+# If more than this share of the edges coincide with another edge, a triangle soup counts as a surface without
+# shared vertices. In a trained triangle soup, corners coincide by chance only.
 _COINCIDING = 0.5
-# Two faces that fold onto each other at an edge are two sides of a sheet. An edge between two sides of a
-# sheet is not a seam. Two faces fold onto each other if the cosine of the angle between their normals is
-# below this limit. The limit allows 0.08 degrees between one normal and the reversed other normal.
+# Two faces fold onto each other if the cosine of the angle between their normals is below this limit. Angles
+# within 0.08 degrees of 180 degrees are below the limit. Such faces are the two sides of a thin sheet, and
+# the edge between the faces is not a seam.
 _FOLDED = -0.999999
 
-# Vertices may differ by rounding up to this share of the largest coordinate, which is four units in the last
-# place of float32. This distance must be a small share of the size of the mesh.
+# Largest rounding difference of two vertices, relative to the largest coordinate. The value is four units in
+# the last place of float32. The second value is the largest difference relative to the size of the mesh.
 _ROUNDING, _MOST_ROUNDING = 2.0**-21, 1e-5
 
 # If a mesh has at most this number of faces, the audit tests an exact weld even without --weld. Testing an
@@ -57,11 +57,12 @@ class Seams:
     number : (V,) integers
         The merged vertex of each row.
     kind : {"texture", "color", "normal", "format"}
-        The kind is "format" for a triangle list. The kind is "normal" if only attributes that are not read
-        differ, such as normals. Otherwise the kind is "texture" if the mesh has UVs, and "color" if not.
+        The kind is "format" for a triangle list. The kind is "normal" if the copies differ only in ignored
+        attributes, such as normals. Otherwise, the kind is "texture" if the mesh has UVs, and "color" if the
+        mesh has no UVs.
     unexplained : bool
-        Whether some vertices are duplicated only for attributes that are not read. A renderer needs the
-        duplicated vertices only for the attributes.
+        Whether some vertices are duplicated only for ignored attributes. A renderer needs the duplicates only
+        for these attributes.
     """
 
     first: NDArray[Any]
@@ -75,7 +76,7 @@ class Seams:
         return len(self.number) - len(self.first)
 
     def merged(self, faces: NDArray[Any]) -> NDArray[Any]:
-        """Return `faces` (F, 3) with merged vertex numbers, in the same integer type."""
+        """Return `faces` (F, 3) with merged vertex indices, in the same integer type."""
         return np.asarray(self.number.astype(faces.dtype)[faces])
 
 
@@ -98,23 +99,22 @@ def seam_attributes(
 def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes) -> Seams | None:
     """Return the seams of a mesh, or None for a mesh without seams.
 
-    A torn edge is a pair of coincident boundary edges. The edges differ in their attributes at an end, or in
-    the textures of their faces. The end vertices of a torn edge are merged. Three or more coincident boundary
-    edges are not merged, because their pairing is ambiguous.
+    A torn edge is a pair of coincident boundary edges. At an end, the attributes of the two edges differ, or
+    the faces of the edges have different textures. The end vertices of a torn edge are merged. Three or more
+    coincident boundary edges are not merged, because their pairing is ambiguous.
 
-    In a triangle soup (triangles that share no vertices) corners may coincide by chance. A triangle soup has
-    seams only under two conditions. More than half of the soup's faces have a torn edge, and no coincident
-    boundary edges have equal attributes. With TRIANGLE_LIST, all coincident vertices of a triangle soup are
-    merged if more than half of its edges coincide with another edge. The search takes O(V log V) time, and
-    much less if no two vertices coincide.
+    A triangle soup has seams only under two conditions. First, more than half of the faces have a torn edge.
+    Second, no coincident boundary edges have equal attributes. With TRIANGLE_LIST, all coincident vertices of
+    a triangle soup are merged. The condition is that more than half of the edges coincide with another edge.
+    The search takes O(V log V) time, and much less if no two vertices coincide.
     """
     if not attributes or not len(faces):
         return None
     rows, set_of = find_coincident_vertices(points)
     if not len(rows):
         return None
-    # `place` (V,) is the first vertex with equal coordinates. `double` (V,) states whether another vertex has
-    # equal coordinates.
+    # `place[v]` is the index of the first vertex with the coordinates of vertex v. `double[v]` states whether
+    # another vertex has the coordinates of vertex v.
     place = np.arange(len(points))
     place[rows] = rows[set_of]
     double = np.zeros(len(points), bool)
@@ -149,10 +149,10 @@ def _merge_torn_edges(
     may_be_chance = (torn.equal_edges or 2 * torn.faces <= len(faces)) and is_soup(faces[near])
     if may_be_chance and is_soup(faces[~names_vertex_twice(faces)]):
         return None
-    # Each connected group of vertex pairs becomes one vertex: the lowest row of the group.
+    # Connected vertex pairs form a group. Each group becomes one vertex, namely its lowest row.
     ends, node = np.unique(torn.pairs.reshape(-1), return_inverse=True)
     _, label = label_components(len(ends), *node.reshape(-1, 2).T)
-    # The first entry of each label is its lowest row, because `ends` are sorted.
+    # `ends` are sorted, so the first entry of each label is the lowest row.
     _, lowest = np.unique(label, return_index=True)
     labels = np.arange(len(points))
     labels[ends] = ends[lowest][label]
@@ -163,7 +163,7 @@ def _merge_torn_edges(
 def _merge_triangle_list(faces: NDArray[Any], place: NDArray[Any]) -> Seams | None:
     """Return the exact weld of a triangle soup.
 
-    Return None if at most half of its edges coincide with another edge.
+    Return None if at most half of the edges coincide with another edge.
     """
     proper = faces[~names_vertex_twice(faces)]
     if not is_soup(proper):
@@ -190,7 +190,7 @@ def _number_merged(labels: NDArray[Any], kind: SeamKind, unexplained: bool) -> S
 def _spread_to_corners(
     name: str, values: NDArray[Any], faces: NDArray[Any], rows: NDArray[Any]
 ) -> NDArray[Any]:
-    """Return the attribute values at the corners of the faces `rows` (n,), as (3 n, k)."""
+    """Return the attribute values (3 n, k) at the corners of the faces `rows` (n,)."""
     if name == "face_texture":
         return np.repeat(values[rows], 3)[:, None]
     corners = values.reshape(len(faces), 3, -1)[rows] if "corner" in name else values[faces[rows]]
@@ -203,8 +203,9 @@ class _TornEdges:
 
     The field `pairs` (n, 2) contains the vertex rows to merge. The field `faces` is the number of faces with
     a torn edge. The field `equal_edges` is true if two coincident boundary edges have equal attributes at
-    both ends. The field `some_by_key` is true if some torn edges differ only in attributes that are not read
-    (their seam keys). The field `all_by_key` is true if all torn edges differ only in their seam keys.
+    both ends. The field `some_by_key` is true if some torn edges separate attributes that differ only in
+    their seam keys. The field `all_by_key` is true if every torn edge separates attributes that differ only
+    in their seam keys.
     """
 
     pairs: NDArray[np.int64]
@@ -223,17 +224,17 @@ def _find_torn_edges(
 ) -> _TornEdges:
     """Find the boundary edges that are torn by seams.
 
-    The argument `faces` (F, 3) must be all faces with a duplicated vertex and without a repeated index. The
-    argument `place` (V,) is the first vertex with equal coordinates. The argument `double` (V,) tells whether
-    another vertex has equal coordinates. Each array of `corner_values` holds an attribute (3F, k) at the
-    corners of `faces`.
+    The argument `faces` (F, 3) must be all faces with a duplicated vertex and without a repeated index.
+    `place[v]` is the index of the first vertex with the coordinates of vertex v. `double[v]` states whether
+    another vertex has the coordinates of vertex v. Each array of `corner_values` holds an attribute (3F, k)
+    at the corners of `faces`.
     """
     corners = np.arange(faces.size).reshape(-1, 3)
     ends, ends_at = (
         np.stack([rows, np.roll(rows, -1, axis=1)], axis=-1).reshape(-1, 2) for rows in (faces, corners)
     )
     # `ends` and `ends_at` (3F, 2) are the vertices and corners at both ends of each half-edge. Keep edges
-    # with a duplicated vertex whose ends are at different positions.
+    # that have a duplicated vertex. The two ends must have different positions.
     start, end = ends.T
     number = np.flatnonzero((double[start] | double[end]) & (place[start] != place[end]))
     ends = ends[number]
@@ -246,14 +247,14 @@ def _find_torn_edges(
     spot = place[edges]
     swap = (spot[:, 0] > spot[:, 1])[:, None]
     edges, corner, spot = (np.where(swap, rows[:, ::-1], rows) for rows in (edges, corner, spot))
-    # Group coincident boundary edges, and compare every edge with the first of its group.
+    # Group coincident boundary edges, and compare every edge with the first edge of its group.
     _, first, group, size = np.unique(
         spot[:, 0] * len(place) + spot[:, 1], return_index=True, return_inverse=True, return_counts=True
     )
     group = group.reshape(-1)
     other = first[group]
-    # `differs` (E,) states whether attributes that are read differ. `by_key` (E,) states whether only the
-    # seam keys differ.
+    # `differs[e]` is true if attributes other than the seam keys differ. `by_key[e]` is true if the two edges
+    # differ only in their seam keys.
     differs, by_key = np.zeros(len(edges), bool), np.zeros(len(edges), bool)
     for name, values in corner_values.items():
         unequal = (values[corner] != values[corner[other]]).any(axis=(1, 2))
@@ -280,8 +281,8 @@ def _find_folds(
 ) -> NDArray[np.bool_]:
     """Return a mask (E,) of the edges whose two faces fold onto each other, such as the two sides of a sheet.
 
-    The columns of `face` (E, 2) hold the faces of each edge. The argument `other` (E,) is the edge with which
-    each edge is compared.
+    The columns of `face` (E, 2) hold the faces of each edge. The argument `other` (E,) contains, for each
+    edge, the edge to compare.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         corners = points[faces].astype(np.float64)
@@ -289,7 +290,7 @@ def _find_folds(
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
         opposite = (normals[face[:, 0]] * normals[face[other, 0]]).sum(axis=1) < _FOLDED
-    # Mark both edges of a pair. The first edge of a group was only compared with itself.
+    # The first edge of a group was compared with itself, so mark both edges of each pair.
     folded = np.zeros(len(face), bool)
     folded[opposite] = folded[other[opposite]] = True
     return folded
@@ -318,7 +319,7 @@ def audit_merged(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) 
 
     Return None for more than `MOST_FACES` faces. The argument `findings` describes the mesh as it is stored.
     An exact weld is tried first. If the exact weld does not close the mesh, vertices of boundary edges that
-    differ by rounding are merged. The result is also None if no vertices differ only by rounding.
+    differ by rounding are merged. The result is None as well if no vertices differ only by rounding.
     """
     counts = findings.counts
     if not counts.boundary_edges or counts.faces > MOST_FACES:
@@ -333,7 +334,8 @@ def audit_merged(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) 
 
 
 def _weld_rounded(points: NDArray[Any], faces: NDArray[Any]) -> Merged | None:
-    """Return the counts after merging vertices of boundary edges that differ by rounding, or None."""
+    """Merge vertices of boundary edges that differ by rounding. Return the counts after this merge, or
+    None."""
     # Boundary edges are vertex pairs that occur once.
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2).astype(np.int64)
     edges, times = np.unique(ends.min(axis=1) * len(points) + ends.max(axis=1), return_counts=True)

@@ -12,11 +12,11 @@ from msb.topology.faces import signed_volumes
 from msb.topology.weld import find_coincident_vertices
 
 # Maximum number of faces for which the audit searches crossing faces by default. The search takes about 8 us
-# per face on one core. Long, thin faces take longer, so the number of tested pairs (0.7 us each) has a limit
-# as well.
+# per face on one core. Long, thin faces have more pairs to test, at 0.7 us per pair. The number of tested
+# pairs is therefore limited as well.
 MOST_FACES, MOST_PAIRS = 200_000, 1 << 23
-# A body is flat, like a sheet, if its volume is below this share of the cubed diagonal of its bounding box.
-# For comparison, a cube has the share 0.19.
+# A body is flat if its volume, relative to the cubed diagonal of its bounding box, is below this limit. For a
+# cube, this ratio is 0.19.
 _FLAT = 1e-9
 
 
@@ -34,8 +34,8 @@ class Bodies:
     touching_vertices : int
         Number of vertices that coincide with a vertex of another body.
     crossing_faces : int or None
-        Number of faces that cross another face; None if the check was skipped, because the mesh has more
-        than 200,000 faces, or too many pairs of overlapping bounding boxes.
+        Number of faces that cross another face. The value is None if the mesh has more than 200,000 faces, or
+        too many pairs of overlapping bounding boxes.
     """
 
     inside_out: int
@@ -45,8 +45,8 @@ class Bodies:
 
 
 def check_bodies(points: NDArray[Any], faces: NDArray[Any], components: int) -> Bodies:
-    """Return the state of the bodies of a closed mesh with finite coordinates and the given number of
-    components."""
+    """Return the state of the bodies of a closed mesh. The mesh has finite coordinates and the given number
+    of components."""
     # `label` (F,) is the body of each face. A single component is a single body.
     label = np.zeros(len(faces), np.int64) if components == 1 else label_bodies(faces, len(points))
     touching = 0 if components == 1 else _count_touching(points, faces, label)
@@ -66,7 +66,7 @@ def _count_touching(points: NDArray[Any], faces: NDArray[Any], label: NDArray[An
     rows, group = find_coincident_vertices(points[used])
     if not len(rows):
         return 0
-    # The lowest and the highest body number at each position.
+    # Find the lowest and the highest body index at each position.
     of_row = body[used[rows]]
     lowest, highest = np.full(len(rows), len(faces)), np.full(len(rows), -1)
     np.minimum.at(lowest, group, of_row)
@@ -84,15 +84,15 @@ def label_bodies(faces: NDArray[Any], vertex_count: int) -> NDArray[Any]:
 def find_inside_out(
     points: NDArray[Any], faces: NDArray[Any], label: NDArray[Any]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which closed bodies (n,) are wound inside out, and which are flat.
+    """Return two masks (n,) of closed bodies: bodies that are wound inside out, and flat bodies.
 
-    The argument `label` (F,) is the body of each face. A body of negative volume inside the bounding box of a
-    larger body of positive volume is a cavity.
+    The argument `label` (F,) is the body of each face. A cavity is a body with negative volume inside the
+    bounding box of a larger body with positive volume.
     """
     if not len(faces):
         return np.zeros(0, bool), np.zeros(0, bool)
     volume = np.bincount(label, signed_volumes(points, faces))
-    # Compute the bounding boxes `low` and `high` (n, 3) from the corners in the order of their bodies.
+    # Compute the bounding boxes `low` and `high` (n, 3) of the bodies from their corners.
     order = slice(None) if len(volume) == 1 else np.argsort(label, kind="stable")
     corners = points[faces[order].reshape(-1)].astype(np.float64)
     starts = 3 * (np.cumsum(np.bincount(label)) - np.bincount(label))

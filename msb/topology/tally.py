@@ -1,4 +1,4 @@
-"""Add up the counts and element lists that the work-items of the audit kernels return."""
+"""Add up the counts and element lists from all work-items of the audit kernels."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -47,14 +47,14 @@ class Totals:
     vertex_count : int
     faces : (F, 3) int32
     improper : (chunks, 1 + SAMPLES) uint32
-        For each chunk of faces, the number of repeated-index faces and the first of them.
+        For each chunk of faces, the number of faces with a repeated index, and the first of these faces.
     strange : (chunks, 2, 1 + SAMPLES) uint32
-        The same values for zero-area faces and for faces with a non-finite area.
+        The same values for faces with zero area, and for faces with a non-finite area.
     tallies : (workers + 1,) `tally_dtype`
     block_edges : (blocks,) uint64
-        Number of edges whose lower vertex is in each block.
+        For each block, the number of edges whose lower vertex is in the block.
     valences : (n,) uint32
-        Valence of each vertex whose valence exceeds the table of the tallies.
+        The valences above the table of the tallies, one value per vertex.
     components, two_face_components, boundary_loops : int
     largest : int
         Number of faces in the largest component.
@@ -78,8 +78,7 @@ class Totals:
 
 
 def add_up(totals: Totals, timings_ms: dict[str, float], computed_by: str) -> Findings:
-    """Return the findings. Findings share the dict `timings_ms`, so that the caller can add further
-    stages."""
+    """Return the findings. The caller can add further stages to the dict `timings_ms`."""
     tallies = totals.tallies
     kinds = (*EDGE_KINDS, *VERTEX_KINDS)
     sums = [*tallies["edge_counts"].sum(axis=0), *tallies["vertex_counts"].sum(axis=0)]
@@ -119,18 +118,19 @@ def add_up(totals: Totals, timings_ms: dict[str, float], computed_by: str) -> Fi
 
 
 def _build_histogram(table: NDArray[Any], others: NDArray[Any]) -> dict[int, int]:
-    """Return the number of vertices of each valence, from the table and from the list of larger valences."""
+    """Return the number of vertices of each valence. The numbers come from the table and from the list of
+    larger valences."""
     valences, counts = np.unique(others, return_counts=True)
     low = {int(k): int(table[k]) for k in np.flatnonzero(table)}
     return low | {int(k): int(n) for k, n in zip(valences, counts, strict=True)}
 
 
 def _collect_first(totals: Totals) -> First:
-    """Return the lowest elements of each kind among the samples of all work-items."""
+    """Return the lowest faulty elements of each kind among the samples of all work-items."""
     tallies, improper, strange = totals.tallies, totals.improper, totals.strange
     first: First = {}
     for kind, name in enumerate(EDGE_KINDS):
-        # The number of an edge is its rank in its block, plus the number of edges of all earlier blocks.
+        # The index of an edge is its rank in its block, plus the number of edges in all earlier blocks.
         edges = _collect_filled(tallies["edges"][:, kind], tallies["edge_counts"][:, kind])
         before = np.cumsum(totals.block_edges) - totals.block_edges
         numbers = before[edges["block"].astype(np.int64)] + edges["rank"]
@@ -151,5 +151,5 @@ def _collect_first(totals: Totals) -> First:
 
 
 def _collect_filled(rows: NDArray[Any], counts: NDArray[Any]) -> NDArray[Any]:
-    """Return the valid entries of all sample rows: at most counts[i] entries of row i."""
+    """Return the valid entries of all sample rows. Row i has counts[i] valid entries at most."""
     return np.concatenate([row[: int(n)] for row, n in zip(rows, counts, strict=True)])

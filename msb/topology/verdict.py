@@ -1,4 +1,4 @@
-"""The verdict on a mesh tells a technical artist which tasks the mesh is usable for, and why."""
+"""The verdict on a mesh tells a technical artist for which tasks the mesh is usable, and why."""
 
 from __future__ import annotations
 
@@ -12,21 +12,20 @@ if TYPE_CHECKING:
 
 Level = Literal["ok", "limited", "bad"]
 
-# Tasks that need a manifold surface. On other meshes, tools reject the mesh or open cracks. The paper also
-# names UV unwrapping and collision ("Mesh Structural Results": Local structure). Tools for these two tasks
-# cut and join the mesh themselves. The page docs/trial.md reports how well this works.
+# Tasks that need a manifold surface. Tools reject other meshes or tear them open. According to the paper, UV
+# unwrapping and collision also need a manifold surface ("Mesh Structural Results": Local structure). However,
+# tools for these two tasks cut and join the mesh themselves, see docs/trial.md.
 SOLID_TOOLS = "subdivision, booleans or printing"
-# A tool or a person can repair a mesh with up to this share and this number of non-manifold edges or
-# vertices. Up to both limits, the level of such a mesh is LIMITED. Above one of the two limits the level of
-# the verdict is BAD. The repair profile `game` uses the same share.
+# Limits for non-manifold edges or vertices: a share and a number. A tool or a person can repair a mesh within
+# both limits. Within both limits, the level of the verdict is LIMITED. Beyond one of the limits, the level is
+# BAD. The repair profile `game` uses the same share.
 MANY, MOST = 0.01, 1000
 # The verdict advises merging vertices if a weld removes more than this share of the boundary edges.
 _WORTH_MERGING = 0.5
-# The repair plan for a mesh with non-finite faces: every repair drops these faces, and `close` fills the
+# The repair plan for a mesh with non-finite faces. Every repair drops these faces, and `close` fills the
 # holes.
 _DROPPING = "orient,pair,close"
-# This repair step removes single triangles, which cannot be parts of a solid. The step allows a cap of any
-# size.
+# `_NO_STRAYS` removes single triangles, which cannot be parts of a solid. `_ANY_CAP` allows caps of any size.
 _NO_STRAYS, _ANY_CAP = "debris:2", 99
 # Pieces are called too small if there are more than FEW_PIECES pieces with fewer than SMALL_PIECE faces on
 # average. The level of the verdict does not depend on this limit.
@@ -35,15 +34,15 @@ SMALL_PIECE, FEW_PIECES = 10, 10
 
 @dataclass(frozen=True)
 class Verdict:
-    """The level of a verdict with an explanation in words.
+    """The level of a verdict, with an explanation in words.
 
     Attributes
     ----------
     level : {"ok", "limited", "bad"}
     sentence : str
-        The tasks that the mesh is usable for, and all faults, without a final full stop.
+        The tasks for which the mesh is usable, and all faults. The text has no final full stop.
     reason : str
-        The gravest fault in a few words; empty for "ok".
+        The gravest fault in a few words. The text is empty for the level "ok".
     renders : bool
         Whether the mesh can be displayed. If not, the sentence mentions only this fault.
     plan : str
@@ -70,7 +69,7 @@ def judge(audit: Audit) -> Verdict:
     """Return the verdict on an audited mesh with all its faults, the gravest fault first.
 
     Any mesh can be displayed in the standard tier (opaque rendering) if all areas are finite and at least
-    one area is positive. The gravest fault decides which tasks the mesh is usable for. Seams are not
+    one area is positive. The gravest fault determines the tasks for which the mesh is usable. Seams are not
     faults: a mesh with seams is judged as if its seams were merged.
     """
     counts = audit.counts
@@ -89,7 +88,7 @@ def judge(audit: Audit) -> Verdict:
     faults = [(fault, text) for fault in _FAULTS if (text := fault.describe(audit))]
     if not faults:
         return Verdict("ok", f"usable for all tasks: {_describe_sound(audit)}")
-    # The gravest fault decides, but duplicate faces are named first if they are the cause of that fault.
+    # If duplicate faces cause the gravest fault, the verdict names the duplicates first.
     gravest = faults[0][0]
     faults.sort(
         key=lambda pair: not (pair[0].describe is _describe_duplicates and _duplicates_are_cause(audit))
@@ -106,7 +105,7 @@ def judge(audit: Audit) -> Verdict:
 
 
 def _describe_seams(audit: Audit) -> str:
-    """Return why the file stores more vertices than the mesh that was judged."""
+    """Explain why the file stores more vertices than the judged mesh."""
     count = audit.counts.seam_vertices
     vertices = "vertex" if count == 1 else "vertices"
     if audit.seams == "format":
@@ -157,7 +156,7 @@ def helps(merged: Counts, counts: Counts) -> bool:
 
 
 def _describe_merged(audit: Audit) -> str:
-    """Return a clause about merging coincident vertices, if merging helps without closing the mesh."""
+    """If merging coincident vertices helps but does not close the mesh, return a clause about merging."""
     if audit.closed_once_merged or not is_worth_merging(audit) or audit.merged is None:
         return ""
     edges, pieces = audit.merged.counts.boundary_edges, audit.merged.counts.components
@@ -166,14 +165,13 @@ def _describe_merged(audit: Audit) -> str:
 
 
 def _name_merged(audit: Audit) -> str:
-    """Return the vertices that the weld of `audit.merged` merges: "coincident vertices" or nearby
-    vertices."""
+    """Return a name for the vertices merged by the weld of `audit.merged`, such as "coincident vertices"."""
     within = "exact" if audit.merged is None else audit.merged.weld
     return "coincident vertices" if within == "exact" else f"vertices within {within:g}"
 
 
 def _choose_plan(audit: Audit) -> str:
-    """Return the repair plan for a mesh with faults that is not a triangle soup."""
+    """Return the repair plan for a faulty mesh that is not a triangle soup."""
     counts, bodies = audit.counts, audit.bodies
     if is_worth_merging(audit) or audit.closed_once_merged:
         within = "exact" if audit.merged is None else audit.merged.weld
@@ -194,7 +192,7 @@ def _choose_plan(audit: Audit) -> str:
 
 
 def _describe_invisible(audit: Audit) -> str:
-    """Return why the mesh cannot be displayed, or "" if it can.
+    """Return the reason why the mesh cannot be displayed. Return "" if the mesh can be displayed.
 
     Zero-area faces prevent the display only if all faces have zero area.
     """
@@ -244,7 +242,7 @@ def _describe_nonmanifold(audit: Audit) -> str:
 
 
 def _locate(sample: Sample) -> str:
-    """Return the number and the position of a vertex: "31 at 0.1 0.2 0.3"."""
+    """Return the index and the position of a vertex, such as "31 at 0.1 0.2 0.3"."""
     place = " ".join(f"{x:.3g}" for x in sample.coordinates[0])
     return f"{sample.element} at {place}"
 
@@ -281,7 +279,7 @@ def _list_tasks_if_open(audit: Audit) -> str:
 
 
 def _describe_pieces(audit: Audit) -> str:
-    """Return the number of pieces as a fault. Separate bodies of a closed mesh do not count as a fault."""
+    """Return a text about the number of pieces. Separate bodies of a closed mesh do not count as a fault."""
     counts = audit.counts
     if counts.components < 2 or not (counts.boundary_edges or counts.nonmanifold_vertices):
         return ""
@@ -313,9 +311,9 @@ def _describe_flips(audit: Audit) -> str:
 class _Fault:
     """A kind of fault in a mesh.
 
-    The field `describe` is a function. The function returns a clause with the extent of the fault, or "" for
-    a mesh without this fault. The field `tasks` is a function. The function returns a clause with the tasks
-    that the mesh is usable for if this fault is the gravest.
+    The field `describe` is a function. The function `describe` returns a text about the extent of the fault,
+    or "" for a mesh without the fault. The field `tasks` is a function. The function `tasks` returns a text
+    about the tasks for which the mesh is usable if this fault is the gravest.
     """
 
     level: Level
@@ -398,7 +396,7 @@ def _describe_sound(audit: Audit) -> str:
 
 
 def percent(part: int, whole: int) -> str:
-    """Return a share as a percentage. Only the values 0 and 1 are printed as "0 %" and "100 %"."""
+    """Return a share as a percentage. The texts "0 %" and "100 %" are only printed for the values 0 and 1."""
     if whole == 0:
         return "-"
     if part == 0:

@@ -15,8 +15,8 @@ from msb.topology.components import label_components
 
 Weld = Literal["exact"] | float
 
-# Maximum number of vertex pairs within the weld distance. The indices of this many pairs take 1 GiB. In a
-# typical weld, the number of pairs is the number of vertices.
+# Maximum number of vertex pairs within the weld distance. The indices of this number of pairs take 1 GiB. In
+# a typical weld, there are about as many pairs as vertices.
 MAX_PAIRS = 1 << 26
 
 
@@ -37,20 +37,22 @@ def parse_weld(text: str | float) -> Weld:
 def weld_vertices(
     vertices: NDArray[Any], faces: NDArray[Any], weld: Weld
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return vertices (W, 3) and faces (F, 3) after merging coincident vertices. All face rows are kept.
+    """Return vertices (W, 3) and faces (F, 3) after merging coincident vertices. All face rows stay in the
+    result.
 
     "exact" merges vertices with equal stored coordinates: float32, relative to the origin of the mesh
-    (`msb.base.origin`). -0 equals +0, NaN equals nothing. A length merges vertices that are connected by a
-    chain of steps of at most this length. The result of a merge by length therefore does not depend on the
-    order of the vertices. The first vertex of each merged set is kept. The kept vertices stay in order.
-    Faces that collapse become repeated-index rows.
+    (`msb.base.origin`). The value -0 equals +0, and NaN equals nothing. A length merges vertices through
+    chains of steps. Each step has at most this length. The result therefore does not depend on the order of
+    the vertices. The first vertex of each merged set is kept. The kept vertices stay in order. Faces that
+    collapse become repeated-index rows.
     """
     first, number = merge_coincident(vertices, weld)
     return vertices[first], number.astype(faces.dtype)[faces]
 
 
 def merge_coincident(vertices: NDArray[Any], weld: Weld) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the first vertex (W,) of each merged set, and the number (V,) of the set of each vertex.
+    """Return the first vertex (W,) of each merged set, and the index (V,) of the set that contains each
+    vertex.
 
     Sets are ordered by their first vertex.
     """
@@ -64,8 +66,7 @@ def merge_coincident(vertices: NDArray[Any], weld: Weld) -> tuple[NDArray[Any], 
 def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
     """Return whether an exact weld would join any two faces of a triangle soup.
 
-    The function hashes positions to 32 bits, sorts the hashes, and compares only positions with a repeated
-    hash.
+    The function hashes positions to 32 bits, sorts the hashes, and compares positions with equal hashes.
     """
     bits, corners = _to_stored(vertices).view(np.uint32), faces.reshape(-1)
     hashes, repeated = _hash_rows(bits, corners)
@@ -87,12 +88,12 @@ def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
 def find_coincident_vertices(vertices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return the vertices (n,) that share their coordinates with other vertices, in ascending order.
 
-    Also return the group (n,) of each vertex. The number of a group is the position of its lowest vertex in
+    Also return the group (n,) of each vertex. The index of a group is the position of its lowest vertex in
     the first array.
     """
     points = _to_stored(vertices)
     hashes, repeated = _hash_rows(points.view(np.uint32))
-    bucket = np.zeros(1 << 20, bool)  # This filter rejects most rows of typical meshes.
+    bucket = np.zeros(1 << 20, bool)  # This filter rejects most vertices of typical meshes.
     bucket[repeated >> 12] = True
     rows = np.flatnonzero(bucket[hashes >> 12])
     rows = rows[np.isin(hashes[rows], repeated)]
@@ -104,7 +105,7 @@ def find_coincident_vertices(vertices: NDArray[Any]) -> tuple[NDArray[Any], NDAr
 def _hash_rows(
     bits: NDArray[np.uint32], order: NDArray[Any] | None = None
 ) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
-    """Return a hash of each row of `bits` (V, 3), and the hashes that occur more than once.
+    """Return a hash of each row of `bits` (V, 3). Also return the hashes that occur more than once.
 
     `order` selects rows.
     """
@@ -142,8 +143,8 @@ def _to_stored(vertices: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _label_near(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
-    """For each vertex (V,), return the lowest vertex that a chain of steps up to `distance` connects to this
-    vertex.
+    """Steps of at most `distance` connect vertices to chains. Return the lowest vertex (V,) in the chain of
+    each vertex.
     """
     from scipy.spatial import cKDTree
 
@@ -158,7 +159,7 @@ def _label_near(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
     # The search tree squares distances, which must not overflow. Scale coordinates to at most 2. The scale
     # factor is a power of two, so scaling causes no rounding.
     scale = 2.0 ** (math.frexp(float(np.abs(points).max()))[1] - 1)
-    reach = min(distance / scale, 8.0)  # The value 8 exceeds every scaled distance.
+    reach = min(distance / scale, 8.0)  # The value 8 exceeds every distance between scaled points.
     tree = cKDTree(points / scale)
     pairs = (int(tree.count_neighbors(tree, reach)) - len(points)) // 2
     if pairs > MAX_PAIRS:

@@ -58,7 +58,7 @@ def work(word: str, arrays: Mapping[str, NDArray[Any]]) -> tuple[Any, dict[str, 
 
 
 def _pack(meshes: Mapping[str, TrialMesh], arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Return the arrays of all meshes under the names "MESH.ARRAY", together with `arrays`."""
+    """Return the arrays of all meshes with keys "MESH.ARRAY". Also add `arrays`."""
     parts = {f"{name}.{key}": array for name, mesh in meshes.items() for key, array in mesh.arrays().items()}
     return {**parts, **arrays}
 
@@ -80,14 +80,15 @@ def _unpack(
 
 @dataclass(frozen=True, eq=False)
 class Unit:
-    """A coordinate system for libraries: a unit of length and an origin (3,) in the asset's coordinates."""
+    """A coordinate system for libraries. The coordinate system has a unit of length and an origin (3,) in the
+    asset's coordinates."""
 
     length: float
     origin: NDArray[np.float64]
 
     @classmethod
     def of(cls, mesh: TrialMesh) -> Unit:
-        """Return the unit for `mesh`: the side of a square with the median face area."""
+        """Return the unit for `mesh`. The unit is the side length of a square with the median face area."""
         areas = face_areas(mesh.vertices, mesh.faces)[0]
         areas = areas[areas > 0]
         length = float(np.sqrt(np.median(areas))) if len(areas) else mesh.diagonal
@@ -107,8 +108,8 @@ class Unit:
     def from_unit(self, output: Output, powers: Mapping[str, int]) -> Output:
         """Convert an output from this coordinate system to the asset's coordinates.
 
-        The argument `powers` has the dimension of numbers: 1 for lengths, 2 for areas, and 3 for volumes.
-        Numbers without an entry stay unchanged.
+        The argument `powers` gives the dimension of each number: 1 for a length, 2 for an area, 3 for a
+        volume. Numbers that are not in `powers` stay unchanged.
         """
         numbers = {
             name: value * self.length ** powers[name] if name in powers and value is not None else value

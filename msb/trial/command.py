@@ -1,4 +1,4 @@
-"""`msb trial` tries typical tasks of artists on a mesh, and prints the results."""
+"""The command `msb trial` tries typical tasks of artists on a mesh, and prints the results."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _WORDS: dict[Outcome, tuple[str, str]] = {
     "fails": ("FAILS", "red"),
     "not_run": ("not run", "dim"),
 }
-# The outcomes that --fail-on reports, with their texts in the message.
+# The outcomes that --fail-on reports. The values are the texts in the message.
 _FAILING: dict[Outcome, str] = {"fails": "fails", "not_run": "is not run"}
 
 
@@ -87,7 +87,7 @@ def trial(
     Each task runs libraries that artists' tools use, in a child process with time and memory limits. The
     tasks use the mesh as stored. Options can merge the vertices of the mesh or repair the mesh first. Results
     are rendered and compared in the views of --cameras. By default, --cameras are the training views if the
-    model stores them, else generated views.
+    model stores the views, else generated views.
     """
     from msb.api.command_files import for_each
     from msb.trial.run import SCHEMA
@@ -178,14 +178,14 @@ class _Run:
         return {**result.to_dict(), "path": str(path)}, status
 
     def show(self, result: Trials, name: str, *, saved: bool) -> None:
-        """Print the results as a table, or as one line with --quiet; note missing renderings."""
+        """Print the results as a table, or as one line with --quiet. Also note missing renderings."""
         from msb.trial.run import summarize_trials
 
         seen_by = result.cameras
         if "no_pictures" in seen_by:
             self.output.note(f"{seen_by['no_pictures']}; renderings of the results are not compared")
         elif "see_nothing" in seen_by:
-            text = f"{seen_by['see_nothing']} of the views do not show the mesh and are ignored"
+            text = f"{seen_by['see_nothing']} of the views do not show the mesh; they are ignored"
             self.output.note(text)
         if not self.output.prints_text:
             return

@@ -77,8 +77,7 @@ class TrialMesh:
     def of(cls, name: str, arrays: Mapping[str, NDArray[Any]]) -> TrialMesh:
         """Check the types and shapes of arrays from a library, and return them as a mesh.
 
-        Raise ValueError if the arrays are invalid. The argument `name` is the name of the mesh in the error
-        message.
+        Raise ValueError if the arrays are invalid. The error message calls the mesh `name`.
         """
         checked: dict[str, Any] = {}
         for key, width, kind in (
@@ -104,7 +103,7 @@ class TrialMesh:
 
 
 def prepare_mesh(asset: Asset, weld: Weld | None = None) -> TrialMesh:
-    """Return the mesh of `asset` for trials, with merged seams and without faces below the STE threshold.
+    """Return the mesh of `asset` for trials. Seams are merged, and faces below the STE threshold are removed.
 
     The coordinates are float32, relative to the origin of the asset. Face and corner colours are averaged at
     each vertex, so that no vertex needs to be split. A mesh without colours is white. Vertices are merged at
@@ -145,7 +144,7 @@ def _average_colors(asset: Asset, faces: NDArray[np.int64]) -> NDArray[np.float3
 def _average_groups(group: NDArray[np.int64], values: NDArray[np.float32], count: int) -> NDArray[np.float32]:
     """Return the average value (`count`, 3) of each group.
 
-    Row i of `values` (n, 3) is in group[i]. An empty group is white.
+    Row i of `values` (n, 3) belongs to the group group[i]. An empty group is white.
     """
     size = np.bincount(group, minlength=count)
     sums = np.stack([np.bincount(group, values[:, k], count) for k in range(3)], axis=1)

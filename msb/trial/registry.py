@@ -25,8 +25,8 @@ TASKS: dict[str, Task] = {
 def select_tasks(names: Iterable[str] | str) -> list[Task]:
     """Return the tasks with these names. By default, return all tasks.
 
-    The first or last word of a name selects all tasks with that word: "decimate" selects "decimate_50" and
-    others. An entry of `names` may contain several names, separated by commas.
+    The first or last word of a name selects all tasks with that word. For example, "decimate" selects
+    "decimate_50". An entry of `names` may contain several names, separated by commas.
     """
     selected: dict[str, Task] = {}
     if not isinstance(names, Iterable):

@@ -28,16 +28,17 @@ if TYPE_CHECKING:
 BACKGROUND = (0.5, 0.5, 0.5)
 # Width of the saved images in pixels.
 PICTURE_WIDTH = 480
-# Brightness of faces that are viewed edge-on in saved images, relative to faces that face the camera.
+# Brightness of faces that are viewed edge-on in saved images. A face that points at the camera has the
+# brightness 1.
 _DARKEST = 0.4
 
 
 class Renderings:
     """Renderings of the original mesh by all cameras, and comparisons of results with these renderings.
 
-    Results cannot be compared without an OpenCL device, if no camera sees the mesh, or if the mesh covers too
-    few pixels. In these cases, `why_not` is the reason, and all methods return None or an empty result. The
-    field `blind_cameras` is the number of cameras that do not see the mesh and are ignored.
+    Results cannot be compared without an OpenCL device, without a camera that sees the mesh, or if the mesh
+    covers too few pixels. In these cases, `why_not` is the reason, and all methods return None or an empty
+    result. The field `blind_cameras` is the number of cameras that do not see the mesh and are ignored.
     """
 
     def __init__(self, mesh: TrialMesh, views: ChosenViews, device: str | None = None) -> None:
@@ -63,8 +64,8 @@ class Renderings:
         depths = [depth for _, depth in self._originals]
         if not depths:
             return None
-        # Select every `step`-th covered pixel, counted over all images. The variable `skip` is the number of
-        # covered pixels before the first sample of an image.
+        # Select every `step`-th covered pixel, counted over all images. `skip` is the number of covered
+        # pixels before the first sample of the current image.
         step = max(1, sum(int(np.count_nonzero(depth)) for depth in depths) // count)
         parts: list[NDArray[np.float64]] = []
         skip = 0
@@ -83,9 +84,9 @@ class Renderings:
     def empty_share(self, points: NDArray[np.float64], tolerance: float) -> float | None:
         """Return the fraction of `points` (n, 3) that lie in empty space for at least one camera.
 
-        A camera sees empty space at a point if the point's pixel shows the background. A camera also sees
-        empty space if the point is more than `tolerance` in front of the visible surface. Points outside all
-        images are ignored. The fraction is None if no point is in an image.
+        A camera sees empty space at a point in two cases. In the first case, the pixel of the point shows the
+        background. In the second case, the point is more than `tolerance` in front of the visible surface.
+        Points outside all images are ignored. The fraction is None if no point is in an image.
         """
         depths = [depth for _, depth in self._originals]
         if not depths:
@@ -125,7 +126,7 @@ class Renderings:
     def _originals(self) -> list[tuple[NDArray[np.uint8], NDArray[np.float32]]]:
         """The images and depths of the original mesh, for each camera that sees the mesh.
 
-        This property removes all other cameras from `cameras` when it is computed.
+        Reading this property removes all other cameras from `cameras`.
         """
         rendered = [
             (to_bytes(frame.image), np.array(frame.depth), measure_coverage(frame))
@@ -159,7 +160,7 @@ def compare_images(
 ) -> dict[str, Any]:
     """Return the average PSNR of `images` against `originals`, and whether all images are equal.
 
-    `Renderings.psnr` explains the keys.
+    The keys are explained at `Renderings.psnr`.
     """
     values = [psnr(image, original) for original, image in zip(originals, images, strict=True)]
     return {"psnr": mean_of(values), "same_pictures": bool(np.isinf(values).all())}
@@ -173,7 +174,7 @@ def make_facing_camera(size: int = PICTURE_WIDTH) -> Camera:
 
 
 def random_colors(labels: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Return a bright, reproducible colour (n, 3) for each label (n,). Negative labels get black."""
+    """Return a bright, reproducible colour (n, 3) for each label (n,). Negative labels are black."""
     labels = np.maximum(labels, -1)
     palette = np.random.default_rng(7).uniform(0.25, 1.0, (int(labels.max(initial=0)) + 2, 3))
     palette[-1] = 0.0

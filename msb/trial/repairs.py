@@ -41,9 +41,9 @@ if TYPE_CHECKING:
 
 SCHEMA = "msb.repair_compare/1"
 TIERS: tuple[Tier, ...] = ("standard", "dedicated")
-# The name of the table row for the asset without repair.
+# The name of the table row for the mesh without a repair.
 STORED = "as stored"
-# Maps the name of a strategy to its repair plan and to the library that runs the step. None means
+# Maps the name of a strategy to its repair plan and to the library that runs the repair step. None means
 # MeshSplatBench.
 STRATEGIES: dict[str, tuple[tuple[str, ...], Peer | None]] = {
     "orient,pair": (("orient", "pair"), None),
@@ -55,16 +55,17 @@ STRATEGIES: dict[str, tuple[tuple[str, ...], Peer | None]] = {
     "cut by igl": (("cut",), "igl"),
     "drop by pymeshlab": (("drop",), "pymeshlab"),
 }
-# The tasks that are tried on every result by default. The default tasks take only seconds.
+# The tasks that are tried on every result by default. These tasks take only seconds.
 TASKS = ("uv", "decimate_50", "subdivide", "boolean", "solid")
 
 
 @dataclass(frozen=True)
 class TierLikeness:
-    """The similarity between renderings of a repaired asset and of the original on one renderer tier.
+    """The similarity between renderings of a repaired asset and renderings of the original, on one renderer
+    tier.
 
-    The field `psnr` is the average over the views in dB. The value is None if all images are equal (`same`),
-    or if the tier cannot be rendered for the reason `why`.
+    The field `psnr` is the average over the views in dB. The value is None if all images are equal (`same`).
+    The value is also None if the tier cannot be rendered, for the reason `why`.
     """
 
     psnr: float | None = None
@@ -135,12 +136,12 @@ def document(path: str | None, views: str, rows: Iterable[StrategyResult]) -> di
 
 
 def count_passed(trials: Iterable[Trial]) -> int:
-    """Return the number of tasks that work or work with limitations."""
+    """Return the number of tasks with the outcome "works" or "works with limitations"."""
     return sum(trial.outcome in ("works", "care") for trial in trials)
 
 
 def list_strategies(options: Options) -> dict[str, tuple[tuple[str, ...], Peer | None]]:
-    """Return `STRATEGIES` and the plan of `options`, unless `STRATEGIES` contains this plan."""
+    """Return `STRATEGIES`, and the plan of `options` if `STRATEGIES` does not contain this plan."""
     name = ",".join(options.plan)
     return STRATEGIES if name in STRATEGIES else {**STRATEGIES, name: (options.plan, None)}
 
@@ -162,7 +163,7 @@ def compare(
     cameras : ChosenViews or iterable of Camera
         The views for comparing renderings. Views that do not see the asset are ignored.
     options : Options
-        Options of the steps, limits of child processes, and one additional plan.
+        Options of the repair steps, limits of child processes, and one additional plan.
     tasks : sequence of str
         Names of the tasks to try on the asset and on every result.
     keep : Path, optional
@@ -229,7 +230,7 @@ def compare(
 class _Evaluator:
     """Renders the results of repairs, and tries tasks on them.
 
-    Results that equal an earlier result are not evaluated again.
+    A result that equals an earlier result is not evaluated again.
     """
 
     def __init__(self, views: ChosenViews, tasks: Sequence[str], limits: Limits, device: str | None) -> None:
@@ -241,7 +242,7 @@ class _Evaluator:
         self.known: dict[tuple[str, ...], tuple[dict[Tier, TierLikeness], tuple[Trial, ...]]] = {}
 
     def evaluate(self, asset: Asset) -> tuple[dict[Tier, TierLikeness], tuple[Trial, ...]]:
-        """Return the similarity of an asset to the first asset on each tier, and the trials of its tasks."""
+        """Return the similarity of an asset to the first asset on each tier, and the results of the tasks."""
         key = (asset.manifest.method, *(spec.sha256 for spec in asset.manifest.buffers.values()))
         if key not in self.known:
             images = {
@@ -279,14 +280,14 @@ def _save_picture(
         return save_picture(keep, name, asset, done, camera, device)
     except OutputError:  # the folder cannot be written
         raise
-    except MsbError:  # `TierLikeness.why` has the reason.
+    except MsbError:  # The field `TierLikeness.why` gives the reason.
         return None
 
 
 def _compare_tier(original: Images | str, repaired: Images | str) -> TierLikeness:
     """Compare the images of two assets on a tier.
 
-    A text in place of images is the reason why images are missing.
+    If images are missing, the argument is a text with the reason.
     """
     if isinstance(original, str) or isinstance(repaired, str):
         return TierLikeness(why=original if isinstance(original, str) else str(repaired))

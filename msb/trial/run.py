@@ -31,8 +31,8 @@ from msb.trial.task import Attempt, AttemptResult, Judgement, Numbers, Outcome, 
 from msb.views import ChosenViews, choose_views
 
 SCHEMA = "msb.trial/1"
-# Minimum time limit of a fallback library in seconds, including its imports. A fallback library should give a
-# result even if --seconds is short.
+# Minimum time limit of a fallback library in seconds, including its imports. A fallback library then returns
+# a result even if --seconds is short.
 FALLBACK_SECONDS = 20.0
 
 
@@ -43,12 +43,12 @@ class Trial:
     Attributes
     ----------
     outcome : {"works", "care", "fails", "not_run"}
-        "care" means that the task works with limitations. "not_run" means that a library or images are
-        missing, or that every library crashed or exceeded its limits.
+        "care" means that the task works with limitations. "not_run" means that a library is missing, images
+        are missing, or every library crashed or exceeded its limits.
     why : str or None
         The reason if the outcome is not "works".
     seconds : float
-        The total time of the libraries. A library that exceeded its time limit adds this limit.
+        The total time of the libraries. If a library exceeded its time limit, the limit is added.
     numbers : dict
         The measurements, as JSON data.
     libraries : dict of str to str
@@ -56,7 +56,7 @@ class Trial:
     says : str
         A short text with the most important numbers.
     files, picture : tuple of str, str or None
-        The names of the saved files, and of the image among them.
+        The names of the saved files, and the name of the saved image.
     """
 
     task: str
@@ -118,12 +118,12 @@ def trial(
         Names of tasks, or words of names: "decimate" selects "decimate_50", "decimate_25" and "decimate_10".
         A string may contain several names, separated by commas. Default: all tasks (docs/trial.md).
     weld : "exact" or float, optional
-        Merge vertices first that have equal coordinates, or lie within this distance.
+        Before the tasks, merge vertices with equal coordinates, or vertices within this distance.
     repair : sequence of str, or str, optional
         Repair the mesh with this plan, after `weld` and before all tasks; see `msb.repair`.
     cameras : sequence of Camera, optional
-        The views for judging results, at least one. Default: the training views if they are stored in the
-        same folder, else eight views around or inside the mesh (docs/cameras.md).
+        The views for judging results, at least one. The default is the training views if they are stored in
+        the same folder, else eight views around or inside the mesh (docs/cameras.md).
     limits : Limits, optional
         Time and memory limits of each library for each task. Default: 60 s and 4 GiB.
     device : str, optional
@@ -178,7 +178,7 @@ def try_asset(
 ) -> Trials:
     """Try tasks on an asset. See `trial` for the other parameters.
 
-    The argument `view_kind` selects the kind of generated views, as in `msb.views.choose_views`.
+    The argument `view_kind` selects the generated views, as in `msb.views.choose_views`.
 
     The argument `keep` is the folder for results. An image of each task is saved in this folder. With
     `meshes`, the results are also saved as GLB files. The argument `watch` is called with the result of each
@@ -294,7 +294,7 @@ class _TaskRun:
         return replies
 
     def judge(self, replies: dict[str, AttemptResult], outputs: dict[str, Output]) -> Judgement:
-        """Return the judgement of the task, and add the reasons of failed attempts."""
+        """Return the judgement of the task with the reasons of failed attempts."""
         failed = {name: reply for name, reply in replies.items() if reply.output is None}
         why = "; ".join(f"{name}: {reply.why}" for name, reply in failed.items())
         numbers: Numbers = {}
@@ -308,8 +308,8 @@ class _TaskRun:
             ended = any(reply.ended_by is not None for reply in failed.values())
             return Judgement("not_run" if ended else "fails", why, numbers)
         judgement = self.task.judge(self.mesh, outputs, self.renderings)
-        # If all main libraries crashed or exceeded their limits, the mesh may be correct. The outcome is then
-        # not "fails".
+        # The mesh may be correct although all main libraries crashed or exceeded their limits. In this
+        # case, the outcome is not "fails".
         ended = all(
             replies[attempt.library].ended_by is not None
             for attempt in self.task.attempts
@@ -328,8 +328,8 @@ class _TaskRun:
     ) -> tuple[Judgement, str]:
         """Return the judgement and the summary.
 
-        The judgement and the summary contain the verdict on the mesh of the best result. If the result is BAD
-        or worse than the original, the best possible outcome is "works with limitations".
+        Both results contain the verdict on the best resulting mesh. If this verdict is BAD, or worse than the
+        verdict on the original, the best possible outcome is "works with limitations".
         """
         best = judgement.numbers.get("best", next(iter(outputs), ""))
         for key, mesh in outputs[best].meshes.items() if best else ():
@@ -354,7 +354,7 @@ class _TaskRun:
         return judgement, summary
 
     def file_name(self, library: str, key: str) -> str:
-        """Return the name of the file for the mesh with this `key` from a library."""
+        """Return the file name for the mesh with this `key` from a library."""
         libraries = [attempt.library for attempt in self.task.attempts]
         part = key if library not in libraries else library if len(libraries) > 1 else ""
         return f"{'-'.join(filter(None, (self.task.name, part)))}.glb"
@@ -362,9 +362,9 @@ class _TaskRun:
     def save(
         self, folder: Path | None, outputs: dict[str, Output], *, meshes: bool
     ) -> tuple[tuple[str, ...], str | None]:
-        """If there is a folder, save the image of the task, and with `meshes` also the meshes.
+        """If there is a folder, save the image of the task. With `meshes`, also save the meshes.
 
-        Return the names of the saved files, and of the image among them.
+        Return the names of the saved files, and the name of the saved image.
         """
         if folder is None:
             return (), None
@@ -395,7 +395,8 @@ def _write_picture(path: Path, image: NDArray[Any]) -> None:
 
 
 def summarize_trials(trials: Iterable[Trial]) -> str:
-    """Return the numbers of tasks by outcome, worst first: "3 fail: uv, boolean, solid; 2 work: ..."."""
+    """Return a text with the numbers of tasks by outcome, worst first: "3 fail: uv, boolean, solid; 2 work:
+    ..."."""
     verbs = {"fails": "fail", "care": "work with limitations", "not_run": "not run", "works": "work"}
     parts = []
     for outcome, verb in verbs.items():

@@ -1,4 +1,4 @@
-"""The declaration of a task: the libraries that try it, and the functions that judge their results."""
+"""The declaration of a task: the libraries to try, and the functions that judge their results."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -41,13 +41,13 @@ class Attempt:
     Attributes
     ----------
     library, modules : str, tuple of str
-        The distribution, whose version is reported, and the modules that must be installed.
+        The distribution name for reporting the version, and the modules that must be installed.
     work : callable
-        A function of the mesh and the arrays of `Task.prepare`. Exceptions of the function are reported as
-        the reason of a failure.
+        A function with two arguments, the mesh and the arrays from `Task.prepare`. If the function raises an
+        exception, the attempt fails for this reason.
     any_unit : bool
-        True if the result does not depend on the unit of length, so that the mesh is passed as stored.
-        Otherwise, inputs and outputs are in the unit of `msb.trial.attempts`.
+        True if the result does not depend on the unit of length. The function then gets the mesh as stored.
+        Otherwise, the function's inputs and outputs are in the unit of `msb.trial.attempts`.
     """
 
     library: str
@@ -60,8 +60,8 @@ class Attempt:
 class AttemptResult:
     """The result of an attempt: its output, or the reason of its failure.
 
-    The field `ended_by` is the reason why the process was stopped, if it was stopped. The field `seconds` is
-    the time of the library, or None if the library did not run.
+    The field `ended_by` is the reason why the process was stopped, or None. The field `seconds` is the time
+    of the library, or None if the library did not run.
     """
 
     output: Output | None
@@ -94,18 +94,18 @@ class Task:
     name, title : str
         The name in JSON and on the command line, and the title in tables and pages.
     attempts, fallbacks : tuple of Attempt
-        The libraries to try first, and the fallbacks if all of these fail. Each attempt returns at
-        most one mesh.
+        The libraries to try first, and the fallback libraries that are tried if all first libraries fail.
+        Each attempt returns at most one mesh.
     judge : callable
-        A function of the mesh, the outputs by library, and the renderings. The function is called only if
-        there is an output. If all attempts fail, the task fails. If there are several outputs, the number
-        "best" names the best library.
+        A function that judges the outputs. The arguments of the function are the mesh, the outputs by
+        library, and the renderings. The function is called only if there is an output. If all attempts fail,
+        the task fails. If there are several outputs, the number "best" names the best library.
     summarize : callable
         A function that turns the numbers into a short text for a table.
     powers : mapping of str to int
         The dimension of numbers that have a unit: length (1), area (2) or volume (3).
     prepare : callable, optional
-        A function that makes arrays for the attempts from the renderings.
+        A function that makes arrays for the attempts, for example from the renderings.
     picture : callable, optional
         A function that draws the outputs as an image (H, W, 3) uint8, or returns None.
     needs_images : bool
@@ -125,7 +125,8 @@ class Task:
 
 
 def file_outcome(original: TrialMesh, result: TrialMesh) -> Outcome:
-    """Return "care" if the result is BAD or worse than the original, else "works"."""
+    """Return "care" if the verdict is BAD or worse than the verdict on the original. Otherwise return
+    "works"."""
     levels = ("ok", "limited", "bad")
     is_worse = levels.index(result.verdict.level) > levels.index(original.verdict.level)
     return "care" if is_worse or result.verdict.level == "bad" else "works"
@@ -137,7 +138,7 @@ def format_count(number: int, singular: str, plural: str | None = None) -> str:
 
 
 def combine(numbers: Numbers, *grades: tuple[Outcome, str]) -> Judgement:
-    """Return the worst of several outcomes, with the reasons for all outcomes other than "works"."""
+    """Return the worst of several outcomes. The reasons of all outcomes except "works" are added."""
     reasons = [reason for outcome, reason in grades if outcome != "works"]
     return Judgement(pick_worst(outcome for outcome, _ in grades), "; ".join(reasons) or None, numbers)
 
@@ -150,8 +151,8 @@ def pick_worst(outcomes: Iterable[Outcome]) -> Outcome:
 def grade(value: float | None, works: float, care: float) -> Outcome:
     """Return the outcome for a value that should be small.
 
-    The arguments `works` and `care` are the largest values that give these outcomes. The value None counts as
-    "works".
+    The value gives "works" up to the limit `works`, and "care" up to the limit `care`. The value None counts
+    as "works".
     """
     if value is None or value <= works:
         return "works"

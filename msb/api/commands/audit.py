@@ -168,7 +168,7 @@ class _Task:
             print_audit(result, self.output, paper=self.options.paper, hint=alone)
         self.audits[str(path)] = result
         self.seen = path, mesh, result, analysis
-        # Evaluate the gates. Each gate (condition) that fails prints a line on standard error.
+        # Evaluate the gates. A failed gate (condition) prints a line on standard error.
         failed = [error for gate in self.gates if (error := gate.check(result, path))]
         self.failed_gates += bool(failed)
         failed += _disagreements(result, path)
@@ -193,13 +193,13 @@ class _Task:
         with self.output.progress(f"comparing {path.name} with other libraries"):
             check = cross_check(mesh.vertices, mesh.faces, result, analysis)
         for what, why in check.skipped.items():
-            # Report each library that is skipped. With -v, also report quantities that a library cannot
-            # compute for this mesh.
+            # Report each library that is skipped. If -v is given, also report quantities that a library
+            # cannot compute for this mesh.
             self.output.note(f"{path}: {what} skipped: {why}", level=1 if " " in what else 0)
         return replace(result, cross_check=check.to_rows())
 
     def print_all(self, documents: list[dict[str, Any]]) -> None:
-        """Print a row for each mesh and a line of totals. With --quiet print only the totals."""
+        """Print a row for each mesh and a line of totals. If --quiet is given, print only the totals."""
         from msb.api.commands.audit_text import print_summary, totals
 
         audits = [(document["path"], self.audits.get(document["path"], document)) for document in documents]
@@ -211,7 +211,7 @@ class _Task:
 
 
 def _disagreements(result: Audit, path: Path) -> list[GateFailed]:
-    """Return an error for each count for which another library has a different value."""
+    """Compare each count with the other libraries, and return an error for each difference."""
     texts = [
         f"{row['quantity']} is {row['ours']}, but {row['theirs']} for {row['peer']}"
         for row in result.cross_check or ()

@@ -14,7 +14,7 @@ from msb.topology.audit import Audit, Sample
 from msb.topology.metric_text import format_metric
 from msb.topology.verdict import Level, judge, percent
 
-# The columns of the paper's table of mesh diagnostics, in its order.
+# The columns of the paper's table of mesh diagnostics, in the order of this table.
 _COLUMNS = (
     ("V/F", "vf_ratio"),
     ("Valence", "mean_valence"),
@@ -49,7 +49,7 @@ _VERDICTS = {"agrees": "agrees", "differs_by_definition": "by definition", "disa
 
 
 def print_audit(audit: Audit, output: Output, *, paper: bool = False, hint: bool = True) -> None:
-    """Print the report of an audit. With --quiet print only the verdict.
+    """Print the report of an audit. With --quiet, print only the verdict.
 
     The argument `paper` adds the row with the paper's average of MeshSplatting. The argument `hint` adds
     commands that the user can run next.
@@ -131,7 +131,7 @@ def print_summary(audits: Iterable[tuple[str, Audit | dict[str, Any]]], output: 
 def totals(audits: Sequence[Audit | dict[str, Any]], failed_gates: int | None = None) -> str:
     """Return the number of meshes with each verdict.
 
-    With gates (conditions), also return the number of meshes that failed a gate.
+    If there are gates (conditions), also return the number of meshes that failed a gate.
     """
     # A failed input is a document (dict) with an error.
     levels = [audit.verdict for audit in audits if not isinstance(audit, dict)]
@@ -162,7 +162,7 @@ def _print_defects(audit: Audit, output: Output) -> None:
         if not count or (key == "boundary_edges" and soup):
             continue
         places = [_where(noun, sample) for sample in judged.samples.get(key, ())]
-        # Do not repeat positions that the row above lists.
+        # Do not repeat positions of the row above.
         if key == "multifan_vertices":
             places = [place for place in places if place not in above] or ["as above"]
         above = places
@@ -183,9 +183,9 @@ def _where(noun: str, sample: Sample) -> str:
 
 
 def _print_cross_check(rows: Sequence[dict[str, Any]], output: Output) -> None:
-    """Print the number of quantities that each library confirms, then the different quantities.
+    """For each library, print the number of confirmed quantities. Then print all quantities that differ.
 
-    With -v print all quantities.
+    If -v is given, print all quantities.
     """
     peers: dict[str, list[dict[str, Any]]] = {}
     for row in rows:

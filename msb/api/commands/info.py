@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 def info(path: Source, output: JsonOutput) -> None:
     """Show the contents of an asset, checkpoint or mesh file: method, counts, bounds, settings and buffers.
 
-    For a .triasset, the command reads the manifest and checks paths and sizes. msb validate also checks the
-    values. For a mesh file or checkpoint, msb info shows the asset that msb convert would write. Gaussian
-    splats are not a mesh. The command shows Gaussian splats, and ends with exit status 4.
+    For a .triasset, msb info reads the manifest and checks paths and sizes. The command msb validate also
+    checks the values. For a mesh file or checkpoint, msb info shows the asset that msb convert would write.
+    Gaussian splats are not a mesh. The command shows Gaussian splats, and ends with exit status 4.
     """
     from msb.api.command_files import open_asset
     from msb.asset.tiers import reject_gaussians
@@ -61,7 +61,7 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
     unit = (
         f"{frame.units} units" if length is None else f"a unit is {length:g} m ({(m.unit or {})['source']})"
     )
-    # The table has a row for each property, and omits rows that do not apply.
+    # The table has a row for each property. Rows that do not apply are omitted.
     rows: list[tuple[str, str]] = [
         (
             "file",
@@ -100,7 +100,7 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
 
 
 def _textures(manifest: Manifest) -> list[dict[str, Any]]:
-    """Return name, width, height and channels of each texture, sorted by texture number."""
+    """Return the name, width, height and channels of each texture, sorted by texture number."""
     from msb.asset.texture import NAME
 
     names = sorted(

@@ -39,8 +39,8 @@ def validate(
 ) -> None:
     """Check assets completely: container, manifest, sizes, hashes and values.
 
-    Errors make the command fail with status 1. Warnings and infos do not. A mesh file or checkpoint is
-    converted to an asset in memory, and this asset is checked.
+    Errors lead to the exit status 1. Warnings and infos do not change the exit status. A mesh file or
+    checkpoint is converted to an asset in memory, and this asset is checked.
     """
     require(paths or explain, "Missing PATH. Pass a .triasset, a mesh file, or a folder with such files")
     if paths:

@@ -21,8 +21,8 @@ from msb.topology.crosscheck.peers import PEERS, Answer, Answers, ask_peers
 __all__ = ["PEERS", "Comparison", "CrossCheck", "compare", "cross_check"]
 
 Verdict = Literal["agrees", "differs_by_definition", "disagrees"]
-# Time limit of each peer in seconds, plus this many seconds for each million faces. libigl needs 12 s per
-# million.
+# Time limit of each peer in seconds. The limit grows by the same number of seconds for each million faces.
+# libigl needs 12 s for a million faces.
 PATIENCE = 60.0
 # Peers that other extras also install. For example, NetworkX is a dependency of scikit-image (extra bench).
 ANYWAY = {"NetworkX"}
@@ -32,9 +32,10 @@ ANYWAY = {"NetworkX"}
 class Comparison:
     """A number from our audit, and the corresponding number from a peer library.
 
-    If the numbers agree, `why` is empty. If the numbers differ, `why` explains the difference between the
-    definitions, or names the expected number. The field `call` names the function of the peer. A disagreement
-    is a difference that the definitions cannot explain. A disagreement is a bug in the peer or in our audit.
+    The field `why` is empty if the numbers agree. If the numbers differ, `why` explains the difference
+    between the definitions. If there is no such difference, `why` names the expected number. The field `call`
+    names the function of the peer. A disagreement is a difference that the definitions cannot explain. A
+    disagreement is a bug in the peer or in our audit.
     """
 
     peer: str
@@ -51,7 +52,7 @@ class Comparison:
 class CrossCheck:
     """All comparisons.
 
-    The field `skipped` maps a peer, or "PEER QUANTITY", to the reason for the missing answer.
+    The field `skipped` explains missing answers. The key is a peer, or "PEER QUANTITY".
     """
 
     rows: tuple[Comparison, ...]
@@ -102,7 +103,7 @@ def cross_check(
 
 
 def compare(peer: str, answers: Answers, facts: Facts) -> tuple[list[Comparison], dict[str, str]]:
-    """Return the comparisons with a peer, and the reasons why other numbers were not compared."""
+    """Return the comparisons with a peer. Also return the reasons why other numbers were not compared."""
     rows, not_compared = [], {}
     release = version(PEERS[peer].distribution)
     for expected in EXPECTED[peer](facts):
@@ -119,7 +120,7 @@ def compare(peer: str, answers: Answers, facts: Facts) -> tuple[list[Comparison]
 
 
 def _judge(expected: Expected, theirs: Answer) -> tuple[Verdict, str]:
-    """Return whether a peer's number agrees with our number, and the reason for a difference."""
+    """Return whether a peer's number agrees with our number. If not, return the reason."""
     if _are_close(theirs, expected.ours, 0 if expected.why else expected.slack):
         return "agrees", ""
     if expected.why and _are_close(theirs, expected.theirs, expected.slack):

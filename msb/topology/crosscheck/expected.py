@@ -1,9 +1,10 @@
-"""Predict the answers of each peer about a mesh from the differences between its definitions and ours.
+"""Predict the answers of each peer about a mesh. The predictions follow from the differences between the
+peer's definitions and ours.
 
-The prediction is our number plus the effect of each difference, which this module computes from the mesh. A
-bug in our audit therefore causes a disagreement, even if the definitions differ. Almost every effect comes
-from faces with a repeated index. In our definitions, faces with a repeated index have no edges. For most
-peers, these faces have three vertex pairs.
+The prediction is our number plus the effect of each difference. This module computes the effects from the
+mesh. A disagreement is therefore always a bug, even if the definitions differ. Almost every effect comes from
+faces with a repeated index. In our definitions, faces with a repeated index have no edges. For most peers,
+these faces have three vertex pairs.
 """
 
 from collections import defaultdict
@@ -22,25 +23,26 @@ from msb.topology.findings import Counts
 
 @dataclass(frozen=True)
 class Expected:
-    """A number of our audit, the number expected from a peer, and the reason for the difference.
+    """The expected answer of a peer: our number, the expected number, and the reason for the difference.
 
     Attributes
     ----------
     quantity : str
         Key of the audit's JSON.
     call, answer : str
-        The function of the peer, and the name of its number among the peer's answers.
+        The function of the peer, and the name of the number in the peer's answers.
     ours, theirs : number, flag or None
         Our value, and the value that the peer's definition gives on this mesh.
     why : str
-        The difference between the definitions; empty if the definitions agree on this mesh.
+        The difference between the definitions. The text is empty if the definitions agree on this mesh.
     plus : int
-        A number added to the peer's answer before comparing (in derived rows).
+        A number that is added to the peer's answer before comparing (in derived rows).
     slack : float
-        Maximum accepted difference between the answer and `theirs`. The slack covers rounding of areas, or
-        a documented quirk of the peer.
+        Maximum accepted difference between the answer and `theirs`. The tolerance covers rounding of areas,
+        or a documented quirk of the peer.
     unfit : str
-        Why the peer's answer is meaningless on this mesh; empty for a meaningful answer.
+        The reason why the peer's answer is meaningless on this mesh. The text is empty for a meaningful
+        answer.
     """
 
     quantity: str
@@ -71,7 +73,7 @@ class Facts:
             self.shift = {key: n - proper[key] for key, n in self.with_all_rows.items()}
 
     def same(self, quantity: str, call: str, shift: str | None = None) -> Expected:
-        """Expect our count plus the number of repeated-index faces, if the peer also counts them."""
+        """Expect our count. If the peer also counts repeated-index faces, add the number of these faces."""
         ours = getattr(self.counts, quantity)
         by = self.shift[shift] if shift else 0
         return Expected(quantity, call, quantity, ours, ours + by, self.rows_kept(by))
@@ -92,7 +94,7 @@ class Facts:
     def area(self, call: str) -> Expected:
         """Expect our area.
 
-        If a corner is not finite, return None, because the peer's area is then NaN.
+        If a corner is not finite, return None: the peer's area is then NaN.
         """
         ours = self.report.metrics.total_area
         if self.counts.nonfinite_faces:
@@ -102,13 +104,14 @@ class Facts:
         points = self.analysis.vertices[np.unique(self.analysis.mesh.faces)].astype(np.float64)
         with np.errstate(over="ignore"):
             extent = float(np.ptp(points, axis=0).max())
-        # Sums in different orders agree to 1e-9 of the area. The second term allows for thin triangles, whose
-        # areas can be pure rounding errors.
+        # Sums of areas in different orders agree to 1e-9 of the area. The second term allows for thin
+        # triangles, whose areas can be pure rounding errors.
         slack = 1e-9 * ours + 1e-14 * extent * extent * self.counts.faces
         return Expected("total_area", call, "total_area", ours, ours, "", slack=slack)
 
     def loops(self, call: str, unfit: str = "") -> Expected:
-        """Expect our number of boundary loops. Skip meshes for which the peer does not define loops."""
+        """Expect our number of boundary loops. Skip meshes for which the peer does not define boundary
+        loops."""
         if self.repeated:
             unfit = "not defined for meshes with repeated-index rows"
         elif self.counts.nonmanifold_vertices:
@@ -128,8 +131,8 @@ class Facts:
     def euler(self, call: str, vertices: int, which: str, edges: str) -> Expected:
         """Expect the Euler characteristic of a peer that counts other vertices and edges than our audit.
 
-        The peer counts `vertices` vertices, which the text `which` describes. The peer's edges include the
-        vertex pairs of repeated-index faces.
+        The peer counts `vertices` vertices. The text `which` describes these vertices in a message. The
+        peer's edges include the vertex pairs of repeated-index faces.
         """
         ours = self.report.metrics.euler_characteristic
         fewer = vertices - self.counts.vertices
@@ -167,8 +170,7 @@ def expect_pymeshlab(facts: Facts) -> list[Expected]:
     ours, endpoints = facts.counts.nonmanifold_vertices, facts.counts.nonmanifold_edge_endpoints
     faces = facts.analysis.mesh.faces
     vague = len(np.unique(faces[facts.analysis.mesh.repeated_index]))
-    # PyMeshLab's count is unpredictable at the corners of a repeated-index face, and reliable at other
-    # vertices.
+    # PyMeshLab's count may be wrong at the corners of repeated-index faces. The count is reliable elsewhere.
     quirk = f"; its result is arbitrary for the {vague} vertices of {facts.rows}" if vague else ""
     crowded = facts.same("nonmanifold_edges", "non_two_manifold_edges (first call)", "crowded_by_rows")
     again = "it may count an edge again for each such row at it" if facts.repeated else ""
@@ -228,7 +230,7 @@ def expect_trimesh(facts: Facts) -> list[Expected]:
 
 
 def _expect_flag(quantity: str, call: str, ours: bool, theirs: bool, facts: Facts) -> Expected:
-    """Expect a flag that can only differ from our flag because of repeated-index faces."""
+    """Expect a flag that differs from our flag only because of repeated-index faces."""
     why = "" if ours == theirs else f"it counts the vertex pairs of {facts.rows}"
     return Expected(quantity, call, quantity, ours, theirs, why)
 
@@ -284,8 +286,8 @@ def expect_networkx(facts: Facts) -> list[Expected]:
 def expect_nvidia(facts: Facts) -> list[Expected]:
     """Return the expected answers of the ManifoldChecker of NVIDIA's validator.
 
-    NVIDIA's checker joins the faces at a vertex across two-face edges only. Both ends of a non-manifold
-    edge therefore have several groups of faces. The checker's count therefore equals our strict count.
+    NVIDIA's checker joins the faces at a vertex across two-face edges only. Each end of a non-manifold edge
+    therefore has several groups of faces. Therefore the checker's count equals our strict count.
     """
     counts = facts.counts
     unused = counts.unreferenced_vertices - facts.shift["used"]

@@ -1,6 +1,6 @@
 """Counts of vertex pairs as most peers define them.
 
-A face with a repeated index has three vertex pairs, like other faces.
+Such peers count three vertex pairs for a face with a repeated index, like for other faces.
 """
 
 from typing import Any
@@ -36,7 +36,7 @@ def count_pairs(faces: NDArray[Any]) -> dict[str, int]:
     low, high = np.minimum(start, end), np.maximum(start, end)
     span = start.max(initial=np.uint64(0)) + np.uint64(1)
     pair, member, count = np.unique(low * span + high, return_inverse=True, return_counts=True)
-    # The half-edges `first` and `second` follow each other in the sorted order of one pair.
+    # The half-edges `first` and `second` are consecutive members of a pair in sorted order.
     order = np.argsort(member, kind="stable")
     linked = member[order][1:] == member[order][:-1]
     first, second = order[:-1][linked], order[1:][linked]
@@ -51,7 +51,7 @@ def count_pairs(faces: NDArray[Any]) -> dict[str, int]:
     between_rows = np.unique(member[first[first // 3 != second // 3]])
     return {
         "pairs": len(pair),
-        # igl.edges halves the number of entries of the symmetric adjacency matrix. In the adjacency matrix, a
+        # igl.edges counts half of the entries of the symmetric adjacency matrix. In the adjacency matrix, a
         # loop {v, v} has a single entry.
         "igl_edges": int(np.count_nonzero(~loop)) + int(np.count_nonzero(loop)) // 2,
         "single": int(np.count_nonzero(count == 1)),
@@ -80,10 +80,11 @@ def _find_multifan(
     first: NDArray[Any],
     second: NDArray[Any],
 ) -> NDArray[np.uint64]:
-    """Return the vertices at which faces form several groups when the given half-edge pairs join faces."""
+    """Join faces at the given half-edge pairs, and return the vertices at which the faces form several
+    groups."""
     halfedge = np.arange(len(start))
     row = (halfedge // 3).astype(np.uint64)
-    place, node = np.unique(row * span + start, return_inverse=True)  # Each face counts once at a vertex.
+    place, node = np.unique(row * span + start, return_inverse=True)
     after = node[next_in_face(halfedge)]
     at_low, at_high = np.where(start <= end, node, after), np.where(start <= end, after, node)
     groups, group = label_components(

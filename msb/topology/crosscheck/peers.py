@@ -1,9 +1,9 @@
 """Measure a mesh with each peer library. Only this module and `repairs.py` import the peers.
 
-Every function takes a mesh with at least one face and valid indices. The function returns the peer's answers
+Every function takes a mesh with valid indices and at least one face. The function returns the peer's answers
 under the names that `expected.py` uses. `ask_peers` runs the functions in separate processes, because peers
-print, hang or crash on some faulty meshes. Tested with libigl 2.6.3, PyMeshLab 2025.7.post1, manifold3d
-3.5.4, trimesh 5.2.0, NetworkX 3.6.1 and usd-validation-nvidia 1.22.0 with usd-core 26.8.
+print, hang or crash on some faulty meshes. The tested versions are libigl 2.6.3, PyMeshLab 2025.7.post1,
+manifold3d 3.5.4, trimesh 5.2.0, NetworkX 3.6.1 and usd-validation-nvidia 1.22.0 with usd-core 26.8.
 """
 
 import math
@@ -44,8 +44,8 @@ def ask_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answe
     """Return libigl's counts."""
     import igl
 
-    # Remove unreferenced vertices, because libigl calls them non-manifold if they are below the largest
-    # used index.
+    # libigl calls an unreferenced vertex non-manifold if its index is below the largest used index. Remove
+    # such vertices first.
     used, compact = np.unique(faces, return_inverse=True)
     multifan = used[~igl.is_vertex_manifold(compact.reshape(-1, 3))]
     _, edges, _, offsets, _ = igl.unique_edge_map(faces)
@@ -74,9 +74,9 @@ def ask_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answe
 def ask_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
     """Return PyMeshLab's topological measures.
 
-    The measures are correct only in a fresh process. From the fifth call on, `non_two_manifold_edges`
-    counts the faces of such edges instead of the edges. A row (a, b, a) puts PyMeshLab into an endless
-    loop, so such rows are rotated to (a, a, b).
+    The measures are correct only in a fresh process. From the fifth call in a process on,
+    `non_two_manifold_edges` counts faces at such edges, not the edges themselves. A row (a, b, a) would put
+    PyMeshLab into an endless loop. Such rows are rotated to (a, a, b).
     """
     import pymeshlab
 
@@ -104,8 +104,9 @@ def ask_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> An
 def ask_manifold3d(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
     """Return whether manifold3d accepts the faces as a solid.
 
-    manifold3d also rejects coordinates that are not finite in float32. Only connectivity is tested here, so
-    all coordinates are zero. manifold3d crashes on some meshes with half-edges that have no partner.
+    manifold3d also rejects coordinates that are not finite in float32. This function tests connectivity only,
+    so all coordinates are set to zero. manifold3d crashes on some meshes with half-edges that have no
+    partner.
     """
     import manifold3d
 
@@ -141,11 +142,11 @@ def ask_trimesh(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answ
 
 
 def ask_networkx(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
-    """Return the counts of NetworkX. The graphs follow our definitions and are built here in plain Python.
+    """Return the counts of NetworkX. The graphs are built in plain Python and follow our definitions.
 
     The vertex graph gives the edges. The face graph connects consecutive faces of an edge, and gives the
     components. The third graph is the union of all vertex links. In this graph, the node (v, w) is the end v
-    of the edge v-w. A face connects two nodes of this graph at each of its corners.
+    of the edge v-w. At each of its corners, a face connects two nodes of this graph.
     """
     import networkx
 
@@ -174,7 +175,7 @@ def ask_networkx(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Ans
 
 
 def _find_split_links(rows: Iterable[list[int]], vertex_count: int) -> set[int]:
-    """Return the vertices whose link has several parts."""
+    """Return the vertices whose link consists of several parts."""
     import networkx
 
     links = networkx.Graph()
@@ -191,7 +192,7 @@ def _find_split_links(rows: Iterable[list[int]], vertex_count: int) -> set[int]:
 def ask_nvidia(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
     """Return the counts that NVIDIA's ManifoldChecker reports for a USD stage with the mesh.
 
-    The checker reports each fault as a sentence, and nothing for a mesh without faults.
+    The checker returns a sentence for each fault, and nothing for a valid mesh.
     """
     from pxr import Usd, UsdGeom, Vt
     from usd_validation_nvidia import ManifoldChecker, ValidationEngine
@@ -217,7 +218,7 @@ def ask_nvidia(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answe
 
 
 def _finite_or_none(value: Any) -> float | None:
-    """Return a finite float. Other values than finite floats become None, because JSON has no NaN."""
+    """Return a finite float. Values that are not finite floats become None, because JSON has no NaN."""
     number = float(value)
     return number if math.isfinite(number) else None
 
@@ -240,7 +241,8 @@ def ask_peers(
 ) -> dict[str, Answers | str]:
     """Return each peer's answers about a mesh with at least one face, or the reason for a failure.
 
-    Each peer may run for `timeout` seconds in a separate process, so a crash or hang affects only that peer.
+    Each peer runs in a separate process for at most `timeout` seconds. A crash or a hang therefore affects
+    only this peer.
     """
     mesh = {"vertices": vertices.astype(np.float64), "faces": faces.astype(np.int64)}
     replies = run_in_children(ask, names, mesh, Limits(timeout, None), at_once=AT_ONCE)

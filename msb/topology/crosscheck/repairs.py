@@ -21,7 +21,8 @@ Repaired = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
 
 @dataclass(frozen=True)
 class PeerStep:
-    """A step of a peer: `work` takes vertices and faces, and returns new faces, vertex map and face map."""
+    """A repair step of a peer library. The function `work` takes vertices and faces, and returns the new
+    faces, the vertex map and the face map."""
 
     module: str
     distribution: str
@@ -29,7 +30,7 @@ class PeerStep:
 
 
 def cut_by_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Repaired:
-    """Return the result of `igl.split_nonmanifold`, which also cuts edges where the winding flips."""
+    """Return the result of `igl.split_nonmanifold`. This function also cuts edges where the winding flips."""
     import igl
 
     new, vertex_map = igl.split_nonmanifold(faces)
@@ -37,10 +38,11 @@ def cut_by_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Re
 
 
 def drop_by_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Repaired:
-    """Return the faces that remain after a repair by PyMeshLab: first the edges (Remove Faces), then the
-    vertices.
+    """Repair a mesh with PyMeshLab: first its edges (Remove Faces), then its vertices. Return the faces that
+    remain.
 
-    Vertices and faces carry their numbers as a scalar attribute. PyMeshLab's filters keep this attribute.
+    The index of each vertex and face is stored as a scalar attribute. PyMeshLab's filters keep this
+    attribute.
     """
     import pymeshlab
 
@@ -59,7 +61,7 @@ def drop_by_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -
     return left.face_matrix().astype(np.int64), next(maps), next(maps)
 
 
-# Repair steps of peers by name, PEER-STEP.
+# Maps names of the form PEER-STEP to repair steps of peers.
 PEER_STEPS: dict[str, PeerStep] = {
     "igl-cut": PeerStep("igl", "libigl", cut_by_libigl),
     "pymeshlab-drop": PeerStep("pymeshlab", "pymeshlab", drop_by_pymeshlab),
@@ -67,7 +69,8 @@ PEER_STEPS: dict[str, PeerStep] = {
 
 
 def repair_by_peer(peer: str, step: str, points: NDArray[Any], faces: NDArray[Any], limits: Limits) -> Change:
-    """Return the change made by step `step` of peer `peer`. `PEER_STEPS` has the keys PEER-STEP.
+    """Return the change made by step `step` of peer `peer`. `PEER_STEPS` maps names of the form PEER-STEP to
+    repair steps.
 
     Faces with a repeated index are removed.
     """

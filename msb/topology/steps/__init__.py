@@ -1,4 +1,4 @@
-"""The steps of a repair: functions of arrays that return a `Change`.
+"""The steps of a repair. A step is a function that takes arrays and returns a `Change`.
 
 Every repair step takes arrays that `mesh_arrays` has checked. Positions must be finite, and no repair step
 moves a vertex. docs/repair.md gives the guarantees of each step. `msb.repair` transfers the attributes of

@@ -11,10 +11,9 @@ from msb.topology.halfedge import NONE
 
 @dataclass(frozen=True)
 class Rims:
-    """The old vertices around each added vertex. An added vertex gets the average of the values of these
-    vertices.
+    """The rims of added vertices. An added vertex gets the average of the values in its rim.
 
-    Added vertex i has the rim ``vertices[offsets[i] : offsets[i + 1]]`` of old vertices.
+    The old vertices around the added vertex i are ``vertices[offsets[i] : offsets[i + 1]]``.
     """
 
     offsets: NDArray[Any] = field(default_factory=lambda: np.zeros(1, np.int64))
@@ -33,17 +32,17 @@ class Change:
     Attributes
     ----------
     faces : (F', 3) integers
-        The new faces, with new vertex numbers.
+        The new faces, which contain new vertex indices.
     vertex_map : (V',) integers
-        The old vertex of each new vertex; NONE for added vertices, which are last.
+        The old vertex of each new vertex. The value is NONE for added vertices, which come last.
     face_map : (F',) integers
-        The old face of each new face; NONE for added faces, which are last.
+        The old face of each new face. The value is NONE for added faces, which come last.
     turned : (F',) bool
         Whether the second and third corner of the old face were swapped.
     rims : Rims
         The rims of the added vertices, in order.
     added_from : (n,) integers
-        The old face that each added face copies its values from.
+        The old face whose values each added face copies.
     notes : tuple of str
         Sentences for the user about the step, without full stops.
     """
@@ -58,7 +57,7 @@ class Change:
 
     @property
     def corner_map(self) -> NDArray[Any]:
-        """(3F',) the old corner of each new corner. Added faces have NONE."""
+        """(3F',) the old corner of each new corner. The value is NONE for added faces."""
         corners = self.face_map[:, None] * 3 + np.arange(3)
         corners[self.turned, 1:] = corners[self.turned, :0:-1]
         corners[self.face_map == NONE] = NONE
@@ -85,7 +84,7 @@ def with_faces(
 ) -> Change:
     """Return a change that keeps the faces `keep` (F,), and removes vertices that no kept face uses.
 
-    The change also removes the vertices `lost` (V,), which kept faces do not use.
+    The mask `lost` (V,) marks unused vertices that the change removes as well.
     """
     if keep.all() and lost is None:
         return unchanged(faces, vertex_count)

@@ -1,5 +1,5 @@
-"""Close small holes: boundary loops (rims) with few edges, and a cap much smaller than the surrounding
-piece."""
+"""Close small holes. A hole is a boundary loop (rim) with few edges, and its cap is much smaller than the
+surrounding piece."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -28,8 +28,8 @@ def close(
     """Close the holes with at most `most_edges` edges. Added faces and vertices come last.
 
     A boundary loop of three edges gets one face. A boundary loop of four edges gets two faces that share a
-    diagonal. The shorter diagonal is used, unless it is already an edge. A longer boundary loop gets a new
-    vertex in its middle. A boundary loop stays open in three cases:
+    diagonal. The shorter diagonal is used, unless the diagonal is already an edge. A longer boundary loop
+    gets a new vertex in its middle. A boundary loop stays open in three cases:
 
     - The area of the cap, relative to the area of the component, exceeds `most_share`. Such a loop is the
       outline of a piece. The cap of a flat piece has the share 1, and the cap of a hemisphere has 1/2.
@@ -75,7 +75,7 @@ def close(
     )
 
 
-# New faces (n, 3), and the adjacent old face (n,) of each new face.
+# New faces (n, 3), and the old face (n,) beside each new face.
 Cap = tuple["NDArray[Any]", "NDArray[Any]"]
 
 
@@ -88,11 +88,11 @@ class _RimEdges:
     Attributes
     ----------
     halfedge, start, end : (B,) integers
-        The half-edge of each rim edge and its vertices.
+        The half-edge at each boundary edge, and its two vertices.
     follows : (B,) integers
-        The position of the next rim edge around the same fan, or NONE.
+        The next boundary edge around the same fan, or NONE.
     loop : (B,) integers
-        The number of the loop or chain.
+        The index of the loop or chain.
     sizes : (n,) integers
         The number of edges of each loop.
     whole : (n,) bool
@@ -113,15 +113,15 @@ def _find_rims(analysis: Analysis) -> _RimEdges:
     halfedge = mesh.edge_halfedges[mesh.edge_offsets[boundary.edges]]
     after = next_in_face(halfedge)
     leaves, enters = fans.corner_fan[halfedge], fans.corner_fan[after]
-    # `begins_at` is the boundary edge that leaves each fan. The edge that leaves a fan follows the boundary
-    # edge that enters this fan.
+    # `begins_at` contains the boundary edge that leaves each fan. An edge that enters a fan is followed by
+    # the edge that leaves the fan.
     begins_at = np.full(len(fans.fan_vertex), NONE, np.intp)
     begins_at[leaves] = np.arange(len(halfedge))
     follows = begins_at[enters]
     loop, start = boundary.chain, mesh.origin[halfedge]
     whole = boundary.closed.copy()
-    # If the winding flips along a boundary, two boundary half-edges leave one fan. Another fan then has no
-    # such half-edge.
+    # If the winding flips along a boundary, two boundary half-edges leave one fan. Then no boundary half-edge
+    # leaves another fan.
     whole[loop[(np.bincount(leaves, minlength=len(begins_at))[leaves] > 1) | (follows == NONE)]] = False
     # A loop that passes through a vertex twice cannot be closed.
     order = np.lexsort((start, loop))
@@ -132,7 +132,8 @@ def _find_rims(analysis: Analysis) -> _RimEdges:
 
 
 def _measure_wedges(points: NDArray[Any], rim: _RimEdges) -> NDArray[np.float64]:
-    """Return the area (B,) of the triangle between each boundary edge and the mean position of its loop."""
+    """Return the area (B,) of a triangle for each boundary edge. The triangle connects the edge with the mean
+    position of the loop."""
     places = points[rim.start].astype(np.float64)
     middle = np.stack([np.bincount(rim.loop, axis, len(rim.sizes)) for axis in places.T], axis=1)
     middle = middle / np.maximum(rim.sizes, 1)[:, None]
@@ -148,10 +149,11 @@ def _cap_triangles(rim: _RimEdges, first: NDArray[Any]) -> Cap:
 def _cap_quadrangles(
     analysis: Analysis, rim: _RimEdges, first: NDArray[Any]
 ) -> tuple[list[Cap], NDArray[Any]]:
-    """Return caps of two faces each. Also return the loops of which both diagonals are already edges."""
+    """Return caps that consist of two faces. Also return the loops that cannot be closed, because both
+    diagonals are already edges."""
     count = len(analysis.vertices)
-    # `corner` (n, 4) has the vertices of each loop in order. `beside` (n, 4) has the face at each boundary
-    # edge.
+    # `corner` (n, 4) contains the vertices of each loop in order. `beside` (n, 4) contains the old face next
+    # to each boundary edge.
     places = _walk_around(rim, first, 4)
     corner = np.stack([rim.start[place] for place in places], axis=1)
     beside = np.stack([face_of(rim.halfedge[place]) for place in places], axis=1)
@@ -170,7 +172,7 @@ def _cap_quadrangles(
         )
         diagonal = np.sort(ring[:, ::2].astype(np.int64), axis=1)
         key = diagonal[:, 0] * count + diagonal[:, 1]
-        _, earliest = np.unique(key, return_index=True)  # Two holes may share a diagonal.
+        _, earliest = np.unique(key, return_index=True)  # Two holes may have the same diagonal.
         free = np.zeros(len(left), bool)
         free[earliest] = True
         free &= ~np.isin(key, taken)
@@ -185,7 +187,7 @@ def _cap_quadrangles(
 
 
 def _cap_with_middles(rim: _RimEdges, wanted: NDArray[np.bool_], vertex_count: int) -> tuple[Cap, Rims]:
-    """Return the faces between each boundary edge and a new vertex, and the rims of the new vertices.
+    """Close loops with a new vertex in the middle. Return the new faces, and the rims of the new vertices.
 
     The argument `wanted` (n,) marks the loops to close. New vertices are numbered from `vertex_count` on.
     """
@@ -199,7 +201,8 @@ def _cap_with_middles(rim: _RimEdges, wanted: NDArray[np.bool_], vertex_count: i
 
 
 def _walk_around(rim: _RimEdges, first: NDArray[Any], count: int) -> list[NDArray[Any]]:
-    """Return `count` arrays (n,): the positions `first`, and the positions that follow around each loop."""
+    """Return `count` arrays (n,). The first array is `first`. Each further array contains the boundary edges
+    that follow the previous array."""
     places = [first]
     for _ in range(count - 1):
         places.append(rim.follows[places[-1]])

@@ -13,24 +13,25 @@ from msb.topology.steps.change import Change, with_vertices
 def cut(faces: NDArray[Any], vertex_count: int) -> Change:
     """Cut edges with more than two faces, and give every fan a separate vertex. Copied vertices come last.
 
-    The result is manifold: two-face edges are kept, and every fan gets a separate vertex. At an edge with
-    more than two faces, at most two faces stay together. These two faces are the ends of one fan at both
-    vertices of the edge. A manifold mesh does not change. The step takes O(F log F) time.
+    The result is manifold: two-face edges stay connected, and every fan gets a separate vertex. At an edge
+    with more than two faces, only two faces can stay together. At both vertices of this edge, the two faces
+    are the ends of one fan. A manifold mesh does not change. The step takes O(F log F) time.
     """
     mesh = build_half_edges(faces, vertex_count)
     return split_vertices(mesh, *mesh.two_face_halfedges)
 
 
 def split_vertices(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any]) -> Change:
-    """Return the change that cuts faces apart, except at the given pairs of half-edges.
+    """Separate all faces, except at the given pairs of half-edges. Return the change.
 
-    The first group of corners at a vertex keeps the vertex's number. Each further group gets a copy. Faces
-    with a repeated index keep their vertices.
+    The first group of corners at a vertex keeps the vertex index. Each further group of corners gets a copy
+    of the vertex. Faces with a repeated index keep their vertices.
     """
     faces = mesh.faces
     count, group = group_corners(mesh, first, second)
     corners = np.flatnonzero(group != NONE)
-    # The first group at each vertex keeps the number. All other groups get numbers from vertex_count on.
+    # The first group at each vertex keeps the vertex index. The indices of all other groups start at
+    # vertex_count.
     group_vertex = np.zeros(count, faces.dtype)
     group_vertex[group[corners]] = mesh.origin[corners]
     _, keeps = np.unique(group_vertex, return_index=True)  # Groups are numbered by their first corner.
@@ -47,7 +48,7 @@ def split_vertices(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any]
 
 
 def cut_edges(faces: NDArray[Any], vertex_map: NDArray[Any]) -> NDArray[Any]:
-    """Return the old end vertices (n, 2) of the old edges that became several edges in `faces`.
+    """Some old edges became several edges in `faces`. Return the old end vertices (n, 2) of these edges.
 
     The argument `vertex_map` gives the old vertex of each new vertex. Edges with an added vertex (NONE) are
     ignored.

@@ -1,4 +1,4 @@
-"""Remove small pieces: components with few faces, little area, or few covered pixels."""
+"""Remove small pieces. A piece is a component with few faces, little area, or few covered pixels."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from msb.topology.faces import face_areas, sum_areas
 from msb.topology.halfedge import build_half_edges, face_of
 from msb.topology.steps.change import Change, with_faces
 
-# By default, components with fewer faces than this are debris.
+# By default, a component with fewer faces than this is debris.
 FEWEST_FACES = 10
 
 
@@ -25,9 +25,9 @@ def debris(
     """Remove components with fewer than `least_faces` faces, or less than `least_share` of the total weight.
 
     The argument `weights` (F,) must not be negative. The weights are, for example, the pixels that each face
-    covers. The default is the area. Faces with a repeated index belong to no component and are kept. Removing
-    pieces increases the shares of the remaining components, so a second run removes nothing. The step takes
-    O(F log F) time.
+    covers. The default weight is the area. Faces with a repeated index belong to no component and are kept.
+    After the removal, the shares of the remaining components are larger. A second run therefore removes
+    nothing. The step takes O(F log F) time.
     """
     mesh = build_half_edges(faces, len(points))
     pairs = zip(mesh.two_face_halfedges, mesh.chained_halfedges, strict=True)

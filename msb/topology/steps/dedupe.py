@@ -1,4 +1,4 @@
-"""Remove faces that repeat an earlier face."""
+"""Remove every face that repeats an earlier face."""
 
 from typing import Any
 

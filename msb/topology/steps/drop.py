@@ -10,21 +10,21 @@ from msb.topology.halfedge import NONE, build_half_edges
 from msb.topology.steps.change import Change, followed_by, with_faces
 from msb.topology.steps.cut import cut
 
-# Number of rounds with the strict choice of faces. Later rounds use a weaker rule for the choice of faces.
-# With the strict rule, a long chain of faces that wait for each other takes one round per face.
+# Number of rounds with the strict choice of faces. Later rounds choose faces by a weaker rule. With the
+# strict rule, faces can wait for each other, and a long chain of such faces takes one round per face.
 _ROUNDS = 64
 
 
 def drop(points: NDArray[Any], faces: NDArray[Any], *, weights: NDArray[Any] | None = None) -> Change:
     """Remove faces at edges with more than two faces.
 
-    After the removal, copy the vertices where surfaces only touch. The first faces to remove have the largest
-    number of edges with more than two faces. If the numbers are equal, the face with the smallest weight (F,)
-    is removed. The default weight of a face is its area. Finding the smallest set of faces is NP-hard,
-    because the problem contains hypergraph matching, so the choice is greedy. Afterwards, removed faces are
-    restored as long as no edge gets a third face. Each round removes many faces that do not share edges of
-    three or more faces. The step takes few rounds, and each round takes O(F log F) time. Copies of vertices
-    come last.
+    After the removal, copy the vertices where surfaces only touch. First remove the faces that touch the most
+    edges with more than two faces. Among faces with equal numbers of such edges, the face with the smallest
+    weight (F,) is removed first. The default weight of a face is its area. The choice is greedy, because
+    finding the smallest set of faces is NP-hard (the problem contains hypergraph matching). Afterwards,
+    removed faces are restored as long as no edge gets a third face. Each round removes many faces that do not
+    share edges of three or more faces. The step takes few rounds, and each round takes O(F log F) time.
+    Copies of vertices come last.
     """
     mesh = build_half_edges(faces, len(points))
     weight = face_areas(points, faces)[0] if weights is None else np.asarray(weights, np.float64)
@@ -53,7 +53,7 @@ def _remove(
         among = np.flatnonzero(score)
         order = np.lexsort((_scramble(among), weight[among], -score[among]))
         first = _take_first_in_line(face, edge, among[order], len(keep), count - 2)
-        # Remove a face only if it is among the first faces in `order` at all of its crowded edges.
+        # A face is removed only if it is among the first faces in `order` at each of its crowded edges.
         going = np.bincount(face[first], minlength=len(keep))
         gone = np.flatnonzero((going > 0) & ((going == score) | (round_number >= _ROUNDS)))
         keep[gone] = False
@@ -73,7 +73,7 @@ def _restore(
         out = out[(count[edges[out]] < 2).all(axis=1)]
         if len(out) == 0:
             return
-        # Restore a face only if it is among the first faces in order at all three edges.
+        # A face is restored only if it is among the first faces in the order at each of its three edges.
         face, edge = np.repeat(out, 3), edges[out].reshape(-1)
         ties = _scramble(out)
         order = np.lexsort((ties, -weight[out])) if round_number < _ROUNDS else np.argsort(ties)
@@ -87,7 +87,8 @@ def _restore(
 def _list_faces_at(
     edges: NDArray[Any], faces: NDArray[Any], wanted: NDArray[np.bool_]
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the faces of all edges that `wanted` (E,) marks, as face numbers (n,) and their edges (n,)."""
+    """Find all edges that are marked in `wanted` (E,). Return the pairs of a face (n,) and such an edge
+    (n,)."""
     faces = faces[edges[faces, 0] != NONE]
     place = np.flatnonzero(wanted[edges[faces]])
     return faces[place // 3], edges[faces].reshape(-1)[place]
@@ -96,10 +97,8 @@ def _list_faces_at(
 def _take_first_in_line(
     face: NDArray[Any], edge: NDArray[Any], line: NDArray[Any], face_count: int, room: NDArray[Any]
 ) -> NDArray[Any]:
-    """At each edge, select the first ``room[edge]`` faces. Return the selected pairs (face, edge).
-
-    The argument `line` lists faces in order of preference.
-    """
+    """At each edge, select the first ``room[edge]`` faces in the order of `line`. Return the selected pairs
+    (face, edge)."""
     place = np.zeros(face_count, np.int64)
     place[line] = np.arange(len(line))
     order = np.lexsort((place[face], edge))
@@ -109,8 +108,8 @@ def _take_first_in_line(
 
 
 def _scramble(numbers: NDArray[Any]) -> NDArray[np.uint32]:
-    """Return reproducible pseudo-random numbers that break ties.
+    """Return reproducible pseudo-random numbers, which decide between equal faces.
 
-    Without these numbers, many rounds would be needed, because neighbouring faces wait for each other.
+    Without these numbers, neighbouring faces would wait for each other for many rounds.
     """
     return numbers.astype(np.uint32) * np.uint32(2654435761)

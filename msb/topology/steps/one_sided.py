@@ -1,9 +1,9 @@
 """Cut one-sided surfaces, such as Moebius strips, along short loops of edges until they have two sides.
 
-A walk along edges carries a sense of rotation from vertex to vertex. A loop is one-sided if the sense of
-rotation is reversed at its end. A cut along the loop removes the loop. In the search, the whole rim of a hole
-counts as one vertex. Therefore a cut from one rim to another rim is also a loop. A strip is cut across its
-width.
+A walk along edges transports a sense of rotation from vertex to vertex. A loop is one-sided if the sense of
+rotation is reversed after one turn along the loop. A cut along a one-sided loop removes the loop. The search
+treats all vertices along the rim of a hole as one vertex. A cut from one rim to another rim is therefore a
+loop as well. A Moebius strip is cut across its width.
 
 Turning faces never makes a one-sided loop consistent. The loop always passes an edge whose two faces have
 opposite windings. The search for short loops therefore starts at edges whose two faces have opposite
@@ -25,18 +25,19 @@ from msb.topology.steps.change import Change, followed_by, unchanged
 from msb.topology.steps.cut import split_vertices
 from msb.topology.steps.sides import Sides, find_sides, find_sides_of_faces
 
-# Above this number of visited search states, the search drops every second start, to limit time and memory.
+# If the search visits more states than this, every second start is dropped to limit time and memory.
 _VISITS = 500_000
 
 
 def cut_one_sided(
     faces: NDArray[Any], vertex_count: int, *, only_manifold: bool = False
 ) -> tuple[Change, int, int]:
-    """Return the change, the number of cuts, and the number of cut edges. No component stays one-sided.
+    """Return the change, the number of cuts, and the number of cut edges. After the cuts, no component is
+    one-sided.
 
     Components are joined across two-face edges. Copies of the vertices along a cut are last. Faces keep their
     positions. A mesh without one-sided components is not changed. If `only_manifold` is true, a mesh with
-    edges of more than two faces is not changed, because cutting would separate all such edges.
+    edges of more than two faces is not changed. A cut would separate all faces at such edges.
     """
     change, cuts, edges = unchanged(faces, vertex_count), 0, 0
     while True:
@@ -55,10 +56,10 @@ def cut_one_sided(
 def _find_loops_to_cut(
     mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any], sides: Sides
 ) -> list[NDArray[Any]]:
-    """Return the shortest necessary loops of each one-sided component.
+    """For each one-sided component, return the shortest loops that must be cut.
 
-    A loop consists of numbers of two-face edges. The arguments `first` and `second` are the half-edges (E2,)
-    of the two-face edges.
+    A loop is an array of two-face edges. The arguments `first` and `second` are the half-edges (E2,) of the
+    two-face edges.
     """
     differ = mesh.origin[first] == mesh.origin[second]
     face, beyond = face_of(first), face_of(second)
@@ -78,7 +79,7 @@ def _find_loops_to_cut(
     steps = _Steps(nodes.label[low], nodes.label[high], odd, component, clash[inside], passed)
     loops = [inside[loop] for loop in _find_shortest_odd_loops(steps)]
 
-    # A loop is unnecessary if the pieces on both sides of the loop can be wound consistently.
+    # A loop need not be cut if the pieces on both sides of the loop can be wound consistently.
     cut = np.concatenate(loops)
     rest = np.delete(np.arange(len(first)), cut)
     pieces = find_sides(mesh.face_count, face[rest], beyond[rest], differ[rest])
@@ -95,19 +96,19 @@ def _find_loops_to_cut(
 
 @dataclass(frozen=True)
 class _Steps:
-    """The steps (n,) between nodes of the search.
+    """The steps (n,) of the search. Each step connects two nodes.
 
     Attributes
     ----------
     near, far : (n,) integers
-        The nodes at both ends of each step.
+        The two nodes that each step connects.
     odd : (n,) bool
         Whether the step reverses the sense of rotation.
     component : (n,) integers
     start : (n,) bool
         Whether searches start at this step.
     passed : (n, 2) integers
-        The vertices at both ends of each step; several vertices may be one node.
+        The two vertices that each step connects. A node may consist of several vertices.
     """
 
     near: NDArray[Any]
@@ -120,11 +121,12 @@ class _Steps:
 
 @dataclass(frozen=True)
 class _Level:
-    """The sorted states `place` (n,) that a breadth-first search reaches after some number of steps.
+    """One level of a breadth-first search: the sorted states `place` (n,) that are reached after some number
+    of steps.
 
-    A search state is one number for three values: a start, a node, and the parity of the odd steps between
-    the start and the node. The field `before` is the row of the previous search state in the previous level.
-    The field `step` is the step from the previous state to this state.
+    A search state is one number for three values: the start, the node, and whether the number of odd steps so
+    far is odd. The field `before` is the index of the previous state in the previous level. The field `step`
+    is the step from the previous state to this state.
     """
 
     place: NDArray[np.int64]
@@ -136,21 +138,21 @@ class _Level:
 
 
 def _find_shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
-    """Return short loops with an odd number of odd steps, as row numbers of `steps`.
+    """Return short loops with an odd number of odd steps, as indices of `steps`.
 
-    No two loops share a vertex. Every loop with an odd number of odd steps contains a step that is marked as
-    a start. A single breadth-first search runs from all starts. Two paths from one start to the same node
-    form an odd loop if their parities differ. The search in a component ends at the level with its first
-    loops, because these loops are the shortest.
+    No two loops share a vertex. Every loop with an odd number of odd steps contains a start. A single
+    breadth-first search runs from all starts. Two paths from one start may reach the same node. The two paths
+    form an odd loop if their parities differ. The search in a component ends at the first level with a loop,
+    because this loop is the shortest.
     """
-    # Adjacency: the steps that leave each node, as ranges first[node] : first[node + 1].
+    # The steps that leave each node are the range first[node] : first[node + 1].
     nodes, ends = np.unique(np.concatenate([steps.near, steps.far]), return_inverse=True)
     count, size = len(steps.near), 2 * len(nodes)
     leaving = np.argsort(ends, kind="stable")
     first = np.searchsorted(ends, np.arange(len(nodes) + 1), sorter=leaving)
     to, step = ends[(leaving + count) % (2 * count)], (leaving % count).astype(np.int32)
 
-    # Level 0 holds every start with even parity.
+    # The first level contains every start with even parity.
     starts, rows = np.unique(ends[:count][steps.start], return_index=True)
     component = steps.component[steps.start][rows]
     none = np.zeros(0, np.int32)
@@ -171,7 +173,6 @@ def _find_shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
         new = new[~np.isin(there[new], np.concatenate([level.place for level in levels[-2:]]))]
         levels.append(reached[new])
 
-        # Two paths to the same node close an odd loop if their parities differ.
         alive = np.ones(len(new), bool)
         start = levels[-1].place // size
         for mirror in (len(levels) - 2, len(levels) - 1):
@@ -197,7 +198,7 @@ def _find_shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
 
 
 def _trace_steps(levels: list[_Level], row: NDArray[Any]) -> NDArray[np.int32]:
-    """Return the steps (rows, levels - 1) that lead to the given rows of the last level."""
+    """Return the steps (rows, levels - 1) on the paths to the given rows of the last level."""
     steps = np.zeros((len(row), len(levels) - 1), np.int32)
     for number in range(len(levels) - 1, 0, -1):
         steps[:, number - 1] = levels[number].step[row]

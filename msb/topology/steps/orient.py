@@ -1,4 +1,4 @@
-"""Make the winding consistent across two-face edges, turning as few faces per component as possible."""
+"""Make the winding consistent across two-face edges. In each component, turn as few faces as possible."""
 
 from dataclasses import replace
 from typing import Any
@@ -13,13 +13,13 @@ from msb.topology.steps.sides import find_sides_of_faces
 
 
 def orient(faces: NDArray[Any], vertex_count: int, *, only_turn: bool = False) -> Change:
-    """Turn faces so that the two faces of every two-face edge run along it in opposite directions.
+    """Turn faces so that the two faces of every two-face edge traverse the edge in opposite directions.
 
-    Components are joined across two-face edges. In each component the minority of faces is turned. If exactly
-    half of the faces would be turned, the first face keeps its winding. A one-sided component, such as a
-    Moebius strip, is cut first. The cut copies vertices. A note gives the number of cuts and cut edges. If
-    `only_turn` is true, a mesh with edges of more than two faces is not cut, because cutting would separate
-    all such edges. The step takes O(F log F) time without one-sided components.
+    Components are joined across two-face edges. In each component, the minority of faces is turned. If
+    exactly half of the faces would be turned, the first face keeps its winding. A one-sided component, such
+    as a Moebius strip, is cut first. The cut copies vertices. A note gives the number of cuts and cut edges.
+    If `only_turn` is true, a mesh with edges of more than two faces is not cut. A cut would separate all
+    faces at such edges. The step takes O(F log F) time without one-sided components.
     """
     change, cuts, edges = cut_one_sided(faces, vertex_count, only_manifold=only_turn)
     turned = turn_faces(change.faces, len(change.vertex_map))
@@ -37,7 +37,7 @@ def turn_faces(faces: NDArray[Any], vertex_count: int) -> Change:
     Edges that are already consistent are preferred. A second run therefore turns no face.
     """
     sides = find_sides_of_faces(build_half_edges(faces, vertex_count))
-    # All faces of a component end on the side of the majority.
+    # The majority of each component keeps its winding.
     count = int(sides.label.max(initial=-1)) + 1
     others = np.bincount(sides.label[sides.other], minlength=count)
     turned = sides.other ^ (2 * others > np.bincount(sides.label, minlength=count))[sides.label]

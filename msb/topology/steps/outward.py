@@ -17,7 +17,7 @@ def outward(points: NDArray[Any], faces: NDArray[Any]) -> Change:
     """
     mesh = build_half_edges(faces, len(points))
     label = label_bodies(faces, len(points))
-    # Exclude bodies with an edge that does not have exactly two faces in opposite directions.
+    # Exclude a body if some edge does not have exactly two faces in opposite directions.
     first, second = mesh.two_face_halfedges
     good = np.zeros(mesh.edge_count, bool)
     good[np.flatnonzero(mesh.multiplicity == 2)] = mesh.origin[first] != mesh.origin[second]

@@ -12,10 +12,10 @@ from msb.topology.steps.change import Change
 from msb.topology.steps.cut import split_vertices
 from msb.topology.steps.sides import find_sides, find_sides_of_faces, find_spanning_tree
 
-# Cost of the colour difference between black and white, relative to a fold by 180 degrees, which costs 1.
+# Cost of the colour difference between black and white. The cost of a fold by 180 degrees is 1.
 COLOR_WEIGHT = 0.25
-# Up to this number of faces at an edge, all faces are compared pairwise. At edges with more faces, each face
-# is paired with the face half a turn away.
+# All faces at an edge are compared pairwise if there are at most this many faces. At edges with more faces,
+# each face is paired with the face on the opposite side of the edge.
 MOST_COMPARED = 16
 # Number of edges per batch.
 _CHUNK = 1 << 16
@@ -29,20 +29,21 @@ def pair(
     face_colors: NDArray[Any] | None = None,
     color_weight: float = COLOR_WEIGHT,
 ) -> Change:
-    """Make a mesh manifold by copying vertices. Faces that continue each other stay connected.
+    """Make a mesh manifold by copying vertices. Faces that continue each other smoothly stay connected.
 
-    Colours are in [0, 1], by vertex (V, c) or by face (F, c). With vertex colours, the vertices opposite
-    to an edge are compared. Copies of vertices come last.
+    Colours are in [0, 1], by vertex (V, c) or by face (F, c). Colours at vertices are compared at the two
+    vertices opposite to the edge. Copies of vertices come last.
 
     1. Two faces at an edge have the joining cost (1 + cos a) / 2, where a is the angle between the faces. The
        cost is 0 for flat faces and 1 for folded faces. A colour difference adds `color_weight` times the
-       distance of the colours, which is 1 for black and white. At each edge with more than two faces, the
-       cheapest pair of faces is joined first, then the cheapest pair of the remaining faces.
-    2. Joining must not make a consistent winding impossible. Therefore the step keeps a minimum spanning
-       forest of the pairs between parts of the surface. Other pairs are kept if they agree with the winding
-       of this forest.
-    3. Fans may connect two pairs at both ends of an edge. The two pairs are separated, because otherwise four
-       faces would still share the edge. Separating a pair never joins fans, so one pass is enough.
+       distance of the colours. The distance between black and white is 1. At each edge with more than two
+       faces, the cheapest pair of faces is joined first, then the cheapest pair of the remaining faces.
+    2. Joining must not prevent a consistent winding. Therefore the step keeps a minimum spanning forest of
+       the pairs between parts of the surface. Other pairs are kept if they agree with the winding of this
+       forest.
+    3. Two pairs of faces may be joined into fans at both ends of an edge. Four faces would then still share
+       the edge, so the two pairs are separated. One pass is enough, because separating a pair never joins
+       fans.
 
     The step takes O(F log F) time. A manifold mesh does not change.
     """
@@ -63,7 +64,8 @@ def _choose_pairs(
     face_colors: NDArray[Any] | None,
     color_weight: float,
 ) -> tuple[NDArray[Any], NDArray[np.float64]]:
-    """Return the pairs (n, 2) of half-edges to join at crowded edges, and the cost (n,) of each pair."""
+    """Return the pairs (n, 2) of half-edges to join at edges with more than two faces, and the cost (n,) of
+    each pair."""
     pairs, costs = [], []
     for group in _list_crowded_groups(mesh):
         sides, along = _compute_directions(mesh, points, group)
@@ -103,7 +105,7 @@ def _compute_directions(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return two arrays of unit vectors.
 
-    The vectors (n, k, 3) lie in each face at a right angle to the edge, and the vectors (n, 3) lie along the
+    The vectors (n, k, 3) lie in the faces, at a right angle to the edge. The vectors (n, 3) lie along the
     edge. The vectors are zero for a face without height or an edge without length.
     """
     ends = np.sort(np.stack([mesh.origin[group[:, 0]], mesh.origin[next_in_face(group[:, 0])]]), axis=0)
@@ -124,16 +126,17 @@ def _normalize(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _measure_color_distances(colors: NDArray[Any]) -> NDArray[np.float64]:
-    """Return distances (n, k, k) of colours (n, k, c), relative to the distance of black and white."""
+    """Return the pairwise distances (n, k, k) of colours (n, k, c), relative to the distance of black and
+    white."""
     difference = colors[:, :, None].astype(np.float64) - colors[:, None]
     return np.asarray(np.linalg.norm(difference, axis=-1) / np.sqrt(colors.shape[-1]))
 
 
 def _choose_cheapest(table: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[np.float64]]:
-    """Return greedily chosen pairs (n, k // 2, 2) and the costs of these pairs.
+    """Choose pairs greedily. Return the pairs (n, k // 2, 2) and their costs.
 
     If costs are equal, the first pair wins. The argument `table` (n, k, k) holds the costs of all pairs of
-    the k faces at each of n edges.
+    faces. There are k faces at each of n edges.
     """
     count, size, _ = table.shape
     first, second = np.triu_indices(size, 1)
@@ -151,7 +154,7 @@ def _choose_cheapest(table: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[
 
 
 def _pair_opposite(sides: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[Any]:
-    """Pair the faces that are half a turn apart in the order around each edge.
+    """Sort the faces around each edge, and pair the faces on opposite sides of the edge.
 
     Return the pairs (n, k // 2, 2).
     """
@@ -167,12 +170,13 @@ def _pair_opposite(sides: NDArray[np.float64], along: NDArray[np.float64]) -> ND
 
 
 def _keep_windable(mesh: HalfEdgeMesh, joined: NDArray[Any], cost: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return a mask (n,) of the pairs to keep, so that a consistent winding stays possible.
+    """Return a mask (n,) of the half-edge pairs that can be joined. After joining, a consistent winding must
+    be possible.
 
     Cheap pairs are considered first.
     """
-    # Parts are components across two-face edges. A pair is kept only if it agrees with the winding inside the
-    # parts that it joins.
+    # Parts are components across two-face edges. A pair joins two parts of the surface. Keep the pair only if
+    # it agrees with the winding of both parts.
     sides = find_sides_of_faces(mesh)
     _, part = np.unique(sides.label, return_inverse=True)
     count = int(part.max(initial=-1)) + 1
@@ -188,15 +192,16 @@ def _keep_windable(mesh: HalfEdgeMesh, joined: NDArray[Any], cost: NDArray[np.fl
 
 
 def _keep_manifold(mesh: HalfEdgeMesh, joined: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return a mask (n,) of the joined pairs to keep.
+    """Return a mask (n,) of the half-edge pairs that can be joined. After joining, the mesh must become
+    manifold.
 
-    With these pairs, splitting the vertices leaves at most two faces at each edge.
+    After the vertices are split, each edge then has at most two faces.
     """
     first, second = mesh.two_face_halfedges
     first, second = np.concatenate([first, joined[:, 0]]), np.concatenate([second, joined[:, 1]])
     _, group = group_corners(mesh, first, second)
     # Sort the half-edges of crowded edges by edge and by the groups at both ends. More than two equal entries
-    # mean that more than two faces would stay at an edge.
+    # mean that one edge would keep more than two faces.
     crowded = mesh.edge_halfedges[np.repeat(mesh.multiplicity > 2, mesh.multiplicity)]
     ends = np.stack([mesh.edge[crowded], *(group[corner] for corner in find_end_corners(mesh, crowded))])
     order = np.lexsort(ends)

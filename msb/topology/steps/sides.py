@@ -1,4 +1,4 @@
-"""The two sides of a surface: which faces have the opposite winding, and which components are one-sided."""
+"""The two sides of a surface. This module finds faces with the opposite winding, and one-sided components."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +12,8 @@ from msb.topology.halfedge import HalfEdgeMesh, face_of
 
 @dataclass(frozen=True)
 class Sides:
-    """An assignment of graph nodes to two sides. Given pairs of nodes require equal or opposite sides.
+    """An assignment of graph nodes to two sides. For each pair of nodes, the two nodes must be on equal sides
+    or on opposite sides.
 
     Attributes
     ----------
@@ -21,7 +22,7 @@ class Sides:
     other : (n,) bool
         Whether the node and the first node of its component are on different sides.
     one_sided : (n,) bool
-        Whether no assignment satisfies all pairs of its component.
+        Whether the pairs of the component contradict each other.
     """
 
     label: NDArray[Any]
@@ -30,7 +31,8 @@ class Sides:
 
 
 def find_sides_of_faces(mesh: HalfEdgeMesh) -> Sides:
-    """Return which faces of each component, joined across two-face edges, have the opposite winding."""
+    """Find the faces with the opposite winding in each component. Components are joined across two-face
+    edges."""
     first, second = mesh.two_face_halfedges
     clash = mesh.origin[first] == mesh.origin[second]
     return find_sides(mesh.face_count, face_of(first), face_of(second), clash)
@@ -39,12 +41,12 @@ def find_sides_of_faces(mesh: HalfEdgeMesh) -> Sides:
 def find_sides(count: int, first: NDArray[Any], second: NDArray[Any], differ: NDArray[np.bool_]) -> Sides:
     """Return the sides of `count` nodes.
 
-    The input consists of pairs of nodes (n,). A pair is on opposite sides if `differ` is true, otherwise on
-    equal sides. The double cover of the graph has two copies of each node, one per side. A pair connects
-    copies on the same side, or on opposite sides if `differ` is true. A component is two-sided if its cover
-    has two parts. In a one-sided component some pairs cannot be satisfied. All pairs that require equal sides
-    are satisfied. Of the pairs that require opposite sides, only the pairs of a spanning tree are satisfied.
-    The function takes O(n log n) time, or O(n) without one-sided components.
+    The input consists of pairs of nodes (n,). Each pair of nodes must be on opposite sides if `differ` is
+    true, otherwise on equal sides. The double cover of the graph has two copies of each node, one per side. A
+    component is two-sided if its cover has two parts. In a one-sided component, some pairs cannot be
+    satisfied. All pairs with equal sides are satisfied. Among the pairs with opposite sides, only the pairs
+    of a spanning tree are satisfied. The function takes O(n log n) time, or O(n) without one-sided
+    components.
     """
     # Nodes that must be on equal sides become one node.
     nodes, part = label_components(count, first[~differ], second[~differ])
@@ -57,7 +59,8 @@ def _find_sides_of_parts(count: int, first: NDArray[Any], second: NDArray[Any]) 
     labels = _label_double_cover(count, first, second)
     one_sided = labels[:count] == labels[count:]
     if one_sided.any():
-        # In one-sided components, use only the pairs of a spanning tree. Keep all pairs of other components.
+        # In one-sided components, use only the pairs of a spanning tree. In all other components, use all
+        # pairs.
         inside = np.flatnonzero(one_sided[first])
         inside = inside[first[inside] != second[inside]]
         tree = inside[find_spanning_tree(count, first[inside], second[inside], np.ones(len(inside)))]
@@ -69,7 +72,7 @@ def _find_sides_of_parts(count: int, first: NDArray[Any], second: NDArray[Any]) 
 def find_spanning_tree(
     count: int, first: NDArray[Any], second: NDArray[Any], cost: NDArray[np.float64]
 ) -> NDArray[Any]:
-    """Return the numbers of the pairs of a minimum spanning forest.
+    """Return the indices of the pairs in a minimum spanning forest.
 
     The two ends of each pair differ, and all `cost` (n,) are positive.
     """
@@ -80,8 +83,8 @@ def find_spanning_tree(
     order = np.lexsort((cost, high, low))
     is_new = np.ones(len(order), bool)
     is_new[1:] = (low[order][1:] != low[order][:-1]) | (high[order][1:] != high[order][:-1])
-    best = order[is_new]  # Keep the cheapest pair between each two nodes.
-    # Use ranks instead of costs, so that the order of the nodes decides between equal costs.
+    best = order[is_new]  # Keep only the cheapest pair between two nodes.
+    # Replace costs by ranks, so that equal costs are ordered by their nodes.
     rank = np.zeros(len(best))
     rank[np.argsort(cost[best], kind="stable")] = np.arange(1, len(best) + 1)
     tree = minimum_spanning_tree(csr_array((rank, (low[best], high[best])), shape=(count, count)))
@@ -91,7 +94,8 @@ def find_spanning_tree(
 
 
 def _label_double_cover(count: int, ends: NDArray[Any], other_ends: NDArray[Any]) -> NDArray[np.int32]:
-    """Return the labels (2 count,) of all nodes on side 1, and then on side 2.
+    """Return the component labels (2 count,) of the double cover. The nodes on side 1 come first, then the
+    nodes on side 2.
 
     Pairs connect opposite sides.
     """

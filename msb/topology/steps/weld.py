@@ -12,7 +12,7 @@ from msb.topology.weld import Weld, merge_coincident
 def weld(points: NDArray[Any], faces: NDArray[Any], distance: Weld = "exact") -> Change:
     """Merge coincident vertices like the weld of the audit, and remove the faces that collapse.
 
-    The first vertex of each merged set is kept, with its attribute values.
+    In each set of merged vertices, the first vertex stays, with its attribute values.
     """
     kept, number = merge_coincident(points, distance)
     new = number.astype(faces.dtype)[faces]

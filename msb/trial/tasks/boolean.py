@@ -1,4 +1,4 @@
-"""Boolean operation by manifold3d: subtract a box that covers half of the mesh."""
+"""Boolean operation by manifold3d: a box that covers half of the mesh is subtracted."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,8 @@ from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task
 from msb.trial.tasks.decimate import draw_side_by_side
 from msb.trial.tasks.solid import INWARDS, build_solid
 
-# Largest relative difference between the volume of the mesh and the sum of its parts. A correct boolean
-# operation causes only rounding differences.
+# Largest relative difference between the volume of the mesh and the sum of its parts. In a correct boolean
+# operation, the volumes differ only by rounding.
 TOLERANCE = 0.01
 
 
@@ -59,7 +59,7 @@ def _judge(_: TrialMesh, outputs: Outputs, __: Renderings) -> Judgement:
     if not numbers["accepted_merged"]:
         return Judgement("fails", f"manifold3d rejects the mesh: {numbers['status']}", numbers)
     whole, left, taken = (numbers[name] for name in ("volume", "volume_left", "volume_taken"))
-    size = max(abs(whole), abs(left) + abs(taken))  # Volumes of opposite winding may cancel out.
+    size = max(abs(whole), abs(left) + abs(taken))  # Volumes with opposite winding may cancel each other.
     error = abs(left + taken - whole) / size if size else 1.0
     numbers = {**numbers, "volume_error": error}
     if error > TOLERANCE:

@@ -17,12 +17,12 @@ from msb.trial.renderings import Renderings, random_colors
 from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, format_count, grade
 from msb.trial.tasks.decimate import decimate_with_pymeshlab, draw_side_by_side
 
-# Limits of the distance from the visible surface to the shape for "works" and for "works with limitations".
-# The limit applies to the 95 % quantile of the distances on the surface. The unit is the bounding-box
+# Limits for "works" and for "works with limitations": distance from the visible surface to the shape. The
+# limit applies to the 95 % quantile of the distances on the surface. The unit of distance is the bounding-box
 # diagonal.
 NEAR, FAR = 0.02, 0.05
-# Limits of the protruding fraction of the shape for "works" and for "works with limitations". A part of the
-# shape protrudes if a camera sees empty space in its place.
+# Limits for "works" and for "works with limitations": fraction of the shape that protrudes. A part of the
+# shape protrudes if a camera sees empty space at its place.
 LITTLE, MUCH = 0.1, 0.3
 # A point protrudes if its distance in front of the surface exceeds this fraction of the diagonal.
 TOLERANCE = 0.01
@@ -47,7 +47,8 @@ def _decompose(mesh: TrialMesh, given: Arrays) -> Output:
     parts = coacd.run_coacd(coacd.Mesh(mesh.vertices.astype(np.float64), mesh.faces.astype(np.int32)))
     if not parts:
         raise ValueError("it returns no part")
-    # Concatenate the parts to points (n, 3) and faces (F, 3), with indices offset by the earlier points.
+    # Concatenate the parts to points (n, 3) and faces (F, 3). The indices are shifted by the number of
+    # earlier points.
     sizes = [len(points) for points, _ in parts]
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
     points = np.concatenate([np.asarray(vertices, np.float64) for vertices, _ in parts])
@@ -85,14 +86,14 @@ def _make_hull(mesh: TrialMesh, given: Arrays) -> Output:
 
 
 def _decimate(mesh: TrialMesh, given: Arrays) -> Output:
-    """Decimate the mesh with PyMeshLab, and measure the share of the result that is far from the mesh."""
+    """Decimate the mesh with PyMeshLab. Measure the share of the result that is far from the mesh."""
     import igl
 
     shape = decimate_with_pymeshlab(mesh, {}, percent=_PERCENT).meshes["mesh"]
     if not len(shape.faces):
         raise ValueError("no face is left")
-    # Sample points (n, 3) uniformly on the surface, with normalised exponential variables as barycentric
-    # coordinates. Sample points far from the mesh protrude.
+    # Distribute sample points (n, 3) uniformly over the surface. Normalised exponential variables give
+    # barycentric coordinates. A sample point that is far from the mesh protrudes.
     rng = np.random.default_rng(0)
     corners = shape.vertices[
         shape.faces[
@@ -108,7 +109,8 @@ def _decimate(mesh: TrialMesh, given: Arrays) -> Output:
 
 
 def _measure_distances(shape: TrialMesh, given: Arrays) -> Numbers:
-    """Return the average and the 95 % quantile of the distances from the visible surface to a shape.
+    """Return two values for the distances from the visible surface to a shape: the average and the 95 %
+    quantile.
 
     Without points of the visible surface, the result is empty.
     """
@@ -128,8 +130,8 @@ def sample_inside(
 ) -> NDArray[np.float64]:
     """Return `count` reproducible points (count, 3), distributed uniformly over the volume of convex parts.
 
-    Each convex part is split into tetrahedra. A tetrahedron connects a face of the part with its centre. Four
-    exponential variables divided by their sum are uniformly distributed barycentric coordinates.
+    Each convex part is split into tetrahedra. Each tetrahedron connects a face with the centre of the part.
+    The barycentric coordinates of a point are four exponential variables, divided by their sum.
     """
     rng = np.random.default_rng(0)
     sampled = []
@@ -152,7 +154,7 @@ def sample_inside(
 
 
 def _normalize(sizes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return sizes (n,) divided by their sum, or equal shares if all sizes are zero."""
+    """Return sizes (n,) divided by their sum. If all sizes are zero, return equal shares."""
     total = float(sizes.sum())
     return sizes / total if total > 0 else np.full(len(sizes), 1 / len(sizes))
 
@@ -214,7 +216,7 @@ def _list_measures(numbers: Numbers) -> list[str]:
 def _summarize(numbers: Numbers) -> str:
     """Return a text with the numbers of the shape from CoACD.
 
-    Fallbacks have no text, because the reason for the outcome already names the shape.
+    If CoACD failed, return an empty text, because the reason for the outcome already names the shape.
     """
     if "instead" in numbers:
         return ""

@@ -25,7 +25,7 @@ from msb.trial.task import (
     pick_worst,
 )
 
-# A result may have this factor times the requested number of faces.
+# A result may exceed the requested number of faces by this factor.
 SLACK = 1.05
 
 
@@ -42,9 +42,9 @@ def _decimate_with_fast_simplification(mesh: TrialMesh, _: Arrays, *, percent: i
     *_mesh, collapses = fast_simplification.simplify(
         mesh.vertices, faces, target_count=_count_target_faces(mesh, percent), return_collapses=True
     )
-    # The library drops vertex colours. Repeat the edge collapses to find the new vertex of each old vertex
-    # (-1 if its faces were removed). The colour of a new vertex is the average colour of the old vertices
-    # that were merged into it.
+    # The library drops vertex colours. Repeat the edge collapses to find the new vertex of each old vertex.
+    # The value is -1 if the old vertex was removed. The colour of a new vertex is the average colour of the
+    # old vertices that were merged into it.
     vertices, kept, merged = fast_simplification.replay_simplification(mesh.vertices, faces, collapses)
     used = np.unique(mesh.faces)
     used = used[np.asarray(merged)[used] >= 0]
@@ -79,7 +79,8 @@ def _judge(mesh: TrialMesh, outputs: Outputs, renderings: Renderings, *, percent
     best: tuple[int, bool, float] | None = None
     outcome: Outcome = "fails"
     why: str | None = None
-    # Grade each library. Rank the libraries by outcome, then by reaching the target, then by PSNR.
+    # Grade each library. Rank the libraries by outcome. Equal outcomes are ranked by reaching the target,
+    # then by PSNR.
     for library, output in outputs.items():
         simplified = output.meshes["mesh"]
         reached = 0 < len(simplified.faces) <= SLACK * target
@@ -112,7 +113,7 @@ def _grade(entry: Numbers, target: int) -> tuple[Outcome, str | None]:
 
 
 def _make_key(library: str) -> str:
-    """Return the key under which the numbers of a library are stored."""
+    """Return the key for storing the numbers of a library."""
     return library.replace("-", "_")
 
 

@@ -1,4 +1,4 @@
-"""Count self-intersections (`msb.topology.crossings`) and slivers, which a structural audit ignores."""
+"""Count crossing faces (`msb.topology.crossings`) and slivers, which the structural audit does not count."""
 
 from typing import Any
 
@@ -12,9 +12,10 @@ from msb.trial.mesh import TrialMesh
 from msb.trial.renderings import Renderings
 from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, format_count, grade
 
-# Largest fraction of crossing faces for "works with limitations". A fraction of 1 % can be repaired by hand.
+# Largest fraction of crossing faces for "works with limitations". This fraction, 1 %, can be repaired by
+# hand.
 FEW = 0.01
-# Largest fraction of slivers for "works". With more slivers than this, the task works with limitations.
+# Largest fraction of slivers for "works". With more slivers, the outcome is "works with limitations".
 # Slivers shade badly, but the audit still calls the mesh OK.
 FEW_SLIVERS = 0.01
 # Colours of crossing faces, slivers and other faces in the image: red, yellow and grey.
@@ -68,7 +69,8 @@ def _draw_picture(mesh: TrialMesh, outputs: Outputs, renderings: Renderings) -> 
 
 
 def find_slivers(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return a mask (F,) of slivers among the faces with corners (F, 3, 3), including faces without area."""
+    """Return a mask (F,) of the slivers. A sliver may also be a face without area. The corners of the faces
+    are (F, 3, 3)."""
     # The height of a face is twice the area divided by the longest side. Compare the height of a face with
     # its longest side.
     sides = np.roll(corners, -1, axis=1) - corners

@@ -109,7 +109,7 @@ def _draw_picture(mesh: TrialMesh, _: Outputs, __: Renderings) -> NDArray[Any] |
 
 
 def cut_section(mesh: TrialMesh) -> NDArray[np.float64]:
-    """Return the segments (n, 2, 2) of a cross-section: the faces cut by a plane.
+    """Return the segments (n, 2, 2) where a plane cuts the faces.
 
     The plane goes through the centre of the bounding box, perpendicular to its longest side.
     """
@@ -124,8 +124,8 @@ def cut_section(mesh: TrialMesh) -> NDArray[np.float64]:
     above = heights > 0
     cut = above.any(axis=1) & ~above.all(axis=1)
     corners, heights, above = corners[cut], heights[cut], above[cut]
-    # `odd` (n,) is the number of the single corner on one side of the plane. The plane cuts both edges at
-    # this corner.
+    # `odd` (n,) is the index of the corner that is alone on its side of the plane. The plane cuts the two
+    # edges at this corner.
     odd = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)
     rows = np.arange(len(odd))
     ends = []

@@ -1,9 +1,9 @@
 """Loop subdivision by libigl: check whether Loop's rule is defined, and measure opening cracks.
 
 Loop's rule is defined for edges with one face and with two faces. Modelling programs make the winding
-consistent, cut all edges with more faces, and subdivide the result. The subdivision in this module follows
-the steps of modelling programs. The copies of a cut edge are smoothed independently, which opens a crack
-between them.
+consistent, cut all edges with more than two faces, and subdivide the result. The subdivision in this module
+follows the steps of modelling programs. The copies of a cut edge are smoothed independently, which opens a
+crack between them.
 """
 
 from typing import Any
@@ -23,8 +23,8 @@ from msb.trial.renderings import Renderings
 from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, grade
 from msb.trial.tasks.decimate import draw_side_by_side
 
-# Largest fractions of faces without a neighbour, for "works" and for "works with limitations". Subdivision
-# only shrinks faces without a neighbour.
+# Largest fractions of faces without a neighbour, for "works" and for "works with limitations". If a face has
+# no neighbour, subdivision only shrinks the face.
 FEW_LONE, MANY_LONE = 0.01, 0.1
 # Largest area of cracks for "works with limitations", as a fraction of the surface area. Cracks below this
 # area are mostly invisible in images.
@@ -45,8 +45,8 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
     given = build_half_edges(stored, len(used))
     crowded = int(np.count_nonzero(given.multiplicity > 2))
     clashes = len(given.two_face_halfedges[0]) - len(find_agreeing_halfedges(given)[0])
-    # Make the winding consistent, cut the mesh, and subdivide it. The array `origin` (W,) has the old vertex
-    # of each new vertex.
+    # Make the winding consistent, cut the mesh, and subdivide it. `origin` (W,) contains the old vertex of
+    # each new vertex.
     turned = turn_faces(stored, len(used)).faces
     cut, origin = cut_apart(turned, len(used))
     matrix, faces = igl.loop_matrix(cut, len(origin))
@@ -69,8 +69,8 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
 
 
 def find_agreeing_halfedges(mesh: HalfEdgeMesh) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the first half-edge (n,) and the second half-edge (n,) of each consistently wound edge of two
-    faces.
+    """For each consistently wound edge of two faces, return the first half-edge (n,) and the second half-edge
+    (n,).
     """
     first, second = mesh.two_face_halfedges
     agree = mesh.origin[first] != mesh.origin[second]
@@ -85,10 +85,10 @@ def _measure_lone_share(mesh: HalfEdgeMesh) -> float:
 
 
 def cut_apart(faces: NDArray[Any], vertex_count: int) -> tuple[NDArray[np.int64], NDArray[Any]]:
-    """Return the faces (F, 3) after cuts at all edges except consistently wound edges of two faces.
+    """Return the faces (F, 3) after cutting edges. Consistently wound edges of two faces are not cut.
 
-    Every vertex of the result is the centre of a single fan of faces. The second returned array (W,) has the
-    old vertex of each new vertex.
+    In the result, each vertex has a single fan of faces. The second result (W,) contains the old vertex of
+    each new vertex.
     """
     mesh = build_half_edges(faces, vertex_count)
     change = split_vertices(mesh, *find_agreeing_halfedges(mesh))
@@ -104,22 +104,22 @@ def measure_gap_area(
     """Return the area of the cracks that subdivision opens between coinciding edges.
 
     Two edges coincide if their ends have equal coordinates, even if they share no vertices. If more than two
-    edges coincide, the first edge is compared with all others. The crack between two edges consists of four
-    triangles between the halves of the edges.
+    edges coincide, all other edges are compared with the first edge. The crack between two edges consists of
+    four triangles between the halves of the edges.
 
     The arguments `vertices` (V, 3) and `cut` (F, 3) are the vertices and faces of the cut mesh before the
     subdivision. The arguments `points` (W, 3) and `fine` (4F, 3) are the vertices and faces of the subdivided
-    mesh. The argument `points` starts with the vertices of the cut mesh, in their smoothed places.
+    mesh. The array `points` begins with the smoothed vertices of the cut mesh.
     """
     _, place = merge_coincident(vertices, "exact")
-    # The edges (E,) of the cut mesh. `place` (V,) numbers the distinct locations. Edges start at the lower
-    # number.
+    # The edges (E,) of the cut mesh. `place` (V,) contains the index of each vertex's location. Each edge
+    # starts at the end with the lower location index.
     start, stop = build_half_edges(cut, len(vertices)).edge_vertices.astype(np.int64).T
     turned = place[start] > place[stop]
     start, stop = np.where(turned, stop, start), np.where(turned, start, stop)
     here, there = place[start], place[stop]
     middle = _find_middles(start, stop, fine)
-    # Group coinciding edges. `lead` (E,) is the first edge in the group of each edge.
+    # Group coinciding edges. `lead` (E,) contains the first edge in the group of each edge.
     _, group, count = np.unique(
         np.stack([here, there], axis=1), axis=0, return_inverse=True, return_counts=True
     )
@@ -145,19 +145,18 @@ def _find_middles(
 ) -> NDArray[np.int64]:
     """Return the new vertex (E,) at the middle of each edge from `start` (E,) to `stop` (E,).
 
-    A subdivided face abc becomes four faces. Each of three new faces consists of an old corner and two
-    middles of edges.
+    A subdivided face abc becomes four faces. Three of the new faces consist of an old corner and the middles
+    of two edges.
     """
     old = int(max(start.max(), stop.max())) + 1
-    # `corner` (n,) is the old corner of each face that has an old corner.
+    # `corner` (n,) contains the old corners. The central new face has no old corner.
     corners = fine[(fine < old).sum(axis=1) == 1]
     turn = np.argmax(corners < old, axis=1)
     rows = np.arange(len(corners))
     corner = corners[rows, turn]
     pairs = [(corner, corners[rows, (turn + k) % 3]) for k in (1, 2)]
     vertex, middle = (np.concatenate(column) for column in zip(*pairs, strict=True))
-    # The middle of an edge is paired with both ends of the edge. A pair is repeated for each face at the
-    # edge.
+    # Each middle is paired with both ends of its edge. A pair is repeated for each face at the edge.
     ends = np.unique(np.stack([middle, vertex], axis=1), axis=0)
     low, high = ends[0::2, 1], ends[1::2, 1]
     # Find the edges by a key made of their two ends.

@@ -13,7 +13,7 @@ from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, c
 
 # Largest numbers of charts per 1,000 faces for "works" and for "works with limitations". Charts of at least
 # ten faces can be painted and filtered. With fewer than 2.5 faces per chart, nearly every edge is a seam, and
-# padding fills the texture.
+# the texture consists mostly of padding.
 FEW_CHARTS, MANY_CHARTS = 100.0, 400.0
 # Largest L2 stretch for "works" and for "works with limitations". The stretch is the average size of texels
 # on the surface, relative to a map without distortion.
@@ -46,7 +46,7 @@ def _work(mesh: TrialMesh, _: Arrays) -> Output:
         rows.append(used[original.astype(np.int64)])
         uvs.append(uv.astype(np.float32))
         charts.append(chart.astype(np.int64))
-        # A vertex that xatlas could not place has the atlas number -1 or the largest uint32, and UVs of 0.
+        # If xatlas cannot place a vertex, the atlas number is -1 or the largest uint32, and the UVs are 0.
         atlases.append(placed >= 0 if placed.dtype.kind == "i" else placed != _NONE)
     original, uv, chart = (np.concatenate(parts) for parts in (rows, uvs, charts))
     left_out = ~np.concatenate(atlases)[faces].all(axis=1)
@@ -74,10 +74,10 @@ def measure_stretch(vertices: NDArray[Any], faces: NDArray[np.int64], uv: NDArra
     A map without distortion has the stretch 1. Return None for a mesh without area. Sander et al., "Texture
     Mapping Progressive Meshes", 2001, section 3, define the L2 stretch. The stretch is the root mean square
     of the singular values of the map from the texture to the surface. The mean is weighted by surface area.
-    Before the measurement, the map is scaled to the area of the surface. Faces without area on the surface or
-    in the texture are ignored.
+    The map is first scaled to the area of the surface. Faces without area on the surface or in the texture
+    are ignored.
     """
-    # Compute two edges (F, 3) of each face on the surface, and the same edges (F, 2) in the texture.
+    # Compute two edges (F, 3) of each face on the surface, and the same two edges (F, 2) in the texture.
     corners, mapped = (values[faces].astype(np.float64) for values in (vertices, uv))
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     a, b = mapped[:, 1] - mapped[:, 0], mapped[:, 2] - mapped[:, 0]
@@ -87,8 +87,8 @@ def measure_stretch(vertices: NDArray[Any], faces: NDArray[np.int64], uv: NDArra
     if not kept.any():
         return None
     first, second, a, b, signed, surface = (values[kept] for values in (first, second, a, b, signed, surface))
-    # Partial derivatives (n, 3) of the surface point with respect to s and t. The squared lengths of the two
-    # partial derivatives add up to the squared singular values.
+    # Compute the partial derivatives (n, 3) of the surface point with respect to s and t. The squared lengths
+    # of the two partial derivatives add up to the squared singular values.
     along_s = (first * b[:, 1:] - second * a[:, 1:]) / signed[:, None]
     along_t = (second * a[:, :1] - first * b[:, :1]) / signed[:, None]
     squares = ((along_s**2).sum(axis=1) + (along_t**2).sum(axis=1)) / 2
