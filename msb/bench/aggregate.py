@@ -18,14 +18,14 @@ from msb.topology.metric_text import DECIMALS
 
 Better = Literal["higher", "lower"]
 _MIB = float(1 << 20)
-# Limit for the difference between the frame rates of the rounds, relative to the overall frame rate. On an
-# idle machine the rounds differ by a few percent. A difference of more than 25 % shows that other programs
-# slowed down the renderer.
+# Maximum difference between the frame rates of two timing rounds, relative to the overall frame rate. On an
+# idle machine, the frame rates of timing rounds differ by a few percent. A difference of more than 25 % shows
+# that other programs slowed down the renderer.
 MAX_RATE_RANGE = 0.25
 
 
 class Metric(NamedTuple):
-    """A number of the tables: its title, unit and precision, and a function that reads it from a record."""
+    """A number in the tables: title, unit, precision, and a function that reads the value from a record."""
 
     title: str
     unit: str
@@ -43,7 +43,7 @@ class Metric(NamedTuple):
 
 
 def _read_metric(name: str) -> Callable[[Result], float | None]:
-    """Return a function that reads an image metric from a record."""
+    """Return a function that reads an image metric from a benchmark record."""
     return lambda result: None if result.quality is None else result.quality.values[name]
 
 
@@ -60,7 +60,7 @@ def _read_key(place: str) -> Callable[[Result], float | None]:
 
 
 def _read_timing(get: Callable[[Timing], float | None]) -> Callable[[Result], float | None]:
-    """Return a function that computes a number from the timing of a record."""
+    """Return a function that computes a number from the timing section of a record."""
     return lambda result: None if result.timing is None else get(result.timing)
 
 
@@ -73,7 +73,8 @@ def _read_device_time(get: Callable[[Timing], float]) -> Callable[[Result], floa
 
 
 def _compute_rate_range(timing: Timing) -> float | None:
-    """Return the difference between the fastest and the slowest round, relative to the overall frame rate."""
+    """Return the difference in frame rate between the fastest and the slowest timing round, relative to the
+    overall frame rate."""
     rates = timing.round_fps
     return (max(rates) - min(rates)) / timing.fps if len(rates) > 1 else None
 
@@ -169,10 +170,11 @@ def _list_metrics() -> Mapping[str, Metric]:
     return images | _OTHERS
 
 
-# All numbers of the tables. Memory and sizes are in bytes. `spread_ms` is P95 - P50, and `host_ms` is the
-# wall-clock time of a frame minus its device time. `unsteady` is the difference between the fastest and the
-# slowest round, divided by the overall frame rate. `flicker` and `holes` are measured on the walk, a camera
-# path away from the captured views. `chamfer` is the DTU benchmark's "overall" distance.
+# All numbers of the tables. Memory and sizes are in bytes. `spread_ms` is the 95th percentile minus the
+# median. `host_ms` is the wall-clock time of a frame minus its device time. `unsteady` is the difference in
+# frame rate between the fastest and the slowest timing round, relative to the overall rate. `flicker` and
+# `holes` are measured on the walk, a camera path away from the captured views. `chamfer` is the DTU
+# benchmark's "overall" distance.
 METRICS: Mapping[str, Metric] = Lazy(_list_metrics)
 
 # The scenes of each dataset that are averaged.

@@ -1,6 +1,6 @@
 """Compute the parts of one benchmark cell and write its record.
 
-A failed part does not stop the other parts.
+If one part of a cell fails, the other parts are still computed.
 """
 
 import contextlib
@@ -29,8 +29,8 @@ from msb.errors import MsbError, shorten
 
 # The error code of unexpected exceptions.
 INTERNAL = "INTERNAL"
-# The function that computes each part of a cell. Each function returns a dictionary of `Result` keys and
-# values.
+# The function that computes each part of a cell. Each function returns a dictionary of arguments for
+# `Result`.
 MEASURES: dict[PartName, Callable[[Job], dict[str, Any]]] = {
     "quality": measure_quality,
     "audit": measure_audit,
@@ -42,7 +42,7 @@ MEASURES: dict[PartName, Callable[[Job], dict[str, Any]]] = {
     "renderer_timing": read_native_timing,
     "timing": measure_timing,
 }
-# Keys of `Result` that each part fills. Parts without an entry fill the key with the part's own name.
+# Keys of `Result` that each part fills. A part without an entry fills the key with its own name.
 _KEYS: dict[PartName, tuple[str, ...]] = {
     "quality": ("quality", "setup", "renders", "renderer", "device"),
     "timing": ("timing", "memory", "floor", "device"),
@@ -56,14 +56,14 @@ _NOT_RENDERING = frozenset(
 def compute(job: Job) -> JobOutcome:
     """Compute the requested parts of a cell, and write its record.
 
-    Parts of the earlier record are kept if they are still valid.
+    Valid parts of the earlier record are kept.
     """
     check_run(job.root, job.run)
     start = time.perf_counter()
     record = _keep_valid_parts(job, _read_old(job))
     if any(part in MAIN for part in job.parts):
-        # The following steps replace images. The old record does not describe the new images, so it is
-        # deleted first.
+        # The new images replace the images on disk. Delete the old record first, because it does not describe
+        # the new images.
         with contextlib.suppress(FileNotFoundError):
             (job.folder / RESULT).unlink()
     for part, inputs in job.parts.items():
@@ -144,9 +144,9 @@ def _is_valid(part: PartName, job: Job, old: Result) -> bool:
     recorded, requested = old.inputs[part], job.requested.get(part)
     if requested is not None:
         return recorded == requested
-    # The current inputs of the part are unknown, because the protocol no longer requests the part. A part is
-    # valid if it shares its inputs with the images or the audit, and these inputs are unchanged. For timing
-    # and walk, the rendering options must also be the same as for the images.
+    # If the protocol no longer requests the part, its current inputs are unknown. A part is also valid if it
+    # has the same inputs as the images or the audit, and if these inputs are unchanged. The timing and the
+    # walk (a camera path) also require unchanged rendering options.
     present = {name: value for main in MAIN for name, value in job.requested.get(main, {}).items()}
     images = job.requested.get("quality", {}).keys()
     same_options = (

@@ -10,7 +10,8 @@ from typing import Any
 from msb.base.files import file_sha256
 from msb.bench.records import File
 
-# Number of hexadecimal digits of a short hash. 16 digits are 64 bits, enough to detect a changed input.
+# Number of hexadecimal digits of a short hash. 16 digits are 64 bits, which is enough to detect a changed
+# input.
 _SHORT_DIGITS = 16
 
 

@@ -20,8 +20,7 @@ from msb.errors import InputError, MsbError, OutputError, UsageError
 RESULT = "result.json"
 # Folders beside a record with the images of trials and repairs.
 TRIAL_FOLDER, REPAIRS_FOLDER = "trial", "repairs"
-# The film beside a record of a cell. The film shows the one second of the walk (camera path) with the most
-# flicker.
+# The video beside a benchmark record. The video shows the second of the camera path with the most flicker.
 WALK_FILM = "walk.mp4"
 _LOCK = ".lock"
 # The file that names the current run, and its maximum size in bytes.
@@ -77,9 +76,9 @@ class Results:
         return self.root / "assets" / dataset / scene / model / f"{label}.triasset"
 
     def video(self, *names: str) -> Path:
-        """Return the path of a film.
+        """Return the path of a video.
 
-        `names` are dataset, scene and model. Without a model, the film shows all models of the scene.
+        `names` are dataset, scene and model. Without a model, the video shows all models of the scene.
         """
         return self.root.joinpath("videos", *names[:-1], f"{names[-1]}.mp4")
 

@@ -1,8 +1,9 @@
 """Deployment gaps and slowdowns between the conditions of a method (paper: section "Multi-Modal Audit").
 
 Let Q_ne, Q_ded and Q_std be the values of a metric in Non-Engine, Dedicated and Standard. Let s be +1 if
-higher values are better, otherwise -1. The signed losses are a = s (Q_ne - Q_ded), p = s (Q_ded - Q_std) and
-d = s (Q_ne - Q_std). A positive loss means a worse result. The paper's gaps of adaptation, portability and
+higher values are better, otherwise -1. The signed losses are a = s (Q_ne - Q_ded) for adaptation, p = s
+(Q_ded - Q_std) for portability and d = s (Q_ne - Q_std) for deployment. A positive loss means a worse result.
+The paper's gaps of adaptation, portability and
 deployment are the absolute values of a, p and d. The paper's equation deploy = adapt + port holds only if
 Dedicated lies between Non-Engine and Standard (`Gaps.monotone`). `Gaps.triangle_excess` is adapt + port -
 deploy.
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     Conditions = Mapping[str, Result]
 
 GapName = Literal["adapt", "port", "deploy"]
-# The first and the second condition of each gap.
+# The two renderer conditions that each gap compares.
 PAIRS: dict[GapName, tuple[str, str]] = {
     "adapt": ("non_engine", "dedicated"),
     "port": ("dedicated", "standard"),
@@ -42,9 +43,9 @@ _DEVICE_METRICS = frozenset({"fps", "p50_ms", "p95_ms", "memory", "driver_memory
 
 @dataclass(frozen=True)
 class Gap:
-    """A gap in the unit of its metric.
+    """A difference between two renderer conditions, in the unit of the metric.
 
-    The gap is an average over `scenes` of the dataset's `expected` scenes.
+    The gap is an average over `scenes`. The dataset has `expected` scenes.
     """
 
     # The absolute gap; None if there is a `reason`.
@@ -53,12 +54,13 @@ class Gap:
     signed: float | None = None
     # The reason for a missing gap, a result of `incomparable`.
     reason: str | None = None
-    # The average of the absolute gaps of single scenes. Gains and losses of different scenes cancel in
+    # The average of the absolute gaps of single scenes. Positive and negative losses of scenes cancel in
     # `value`, but not in this average.
     mean_abs_scene_gap: float | None = None
     scenes: int = 1
     expected: int = 1
-    # The average of each condition, over the scenes of the gap. Other tables may average over more scenes.
+    # The average of each condition, over the scenes of the gap. Averages in other tables may cover more
+    # scenes.
     ends: tuple[float, float] | None = None
     # The 95 % interval of `signed`, computed from the losses in single views. If only the two averages are
     # known, the interval is None.
@@ -82,7 +84,8 @@ class Gaps:
     # after rounding, as in tables, and equality is sufficient. The result is None if a gap is missing, or if
     # the gaps cover different scenes.
     monotone: bool | None
-    # The excess adapt + port - deploy. The excess is 0 for monotone values, otherwise 2 min(adapt, port).
+    # The excess adapt + port - deploy. The excess is 0 for monotone values, otherwise it is 2 min(adapt,
+    # port).
     triangle_excess: float | None
 
     def __getitem__(self, name: GapName) -> Gap:
@@ -197,7 +200,9 @@ def incomparable(
     "unsteady" (the rounds of a frame rate differ too much).
 
     The records must have equal images, sizes, ground truth, background and definition of the metric. If both
-    records have an asset, it must be the same asset. For a bake, the asset before the bake is compared. Speed
+    records have an asset, the two assets must be equal. For a baked mesh, the asset before the bake is
+    compared.
+    Speed
     and memory must be measured on the same device. Versions of libraries may differ between records. If
     `one_asset` is false, two methods are compared. The backgrounds and camera conventions of two methods may
     differ.
@@ -294,7 +299,7 @@ def _combine(metric: str, gaps: Mapping[GapName, Gap], *, same_scenes: bool = Tr
 def _find_commonest(reasons: list[str]) -> str:
     """Return the most frequent reason, except "missing". If no scene has another reason, return "missing".
 
-    The reason "missing" alone would not tell why the measured scenes have no gap.
+    The reason "missing" alone would not explain why measured scenes have no gap.
     """
     others = [reason for reason in reasons if reason != "missing"]
     return max(dict.fromkeys(others), key=others.count) if others else "missing"

@@ -35,7 +35,8 @@ VOUCHED = (
     "its training does not record the held-out views; the key held_out of the protocol confirms that the "
     "test views were held out"
 )
-# Number of hexadecimal digits of a hash in a record. 16 digits are 64 bits, enough to detect a changed input.
+# Number of hexadecimal digits of a hash in a record. 16 digits are 64 bits, which is enough to detect a
+# changed input.
 _SHORT_DIGITS = 16
 # Paths within DTU's official evaluation data: point cloud, observation mask and ground plane of a scan.
 _CLOUD, _GRID, _PLANE = "Points/stl/stl{:03d}_total.ply", "ObsMask/ObsMask{}_10.mat", "ObsMask/Plane{}.mat"
@@ -72,7 +73,7 @@ class InputReader:
     def find_training_differences(
         self, model: ModelAsset | None, at: SceneAt, place: Path | None, *, held_out: bool
     ) -> Iterator[str]:
-        """Yield each difference between a model's training and the evaluation, and store a warning.
+        """Yield a warning for each difference between a model's training and the evaluation.
 
         Pass the path of the model as `place`. If only official renderings exist, `model` is None. `held_out`
         is the protocol key that confirms that the test views were not used for training.
@@ -121,8 +122,8 @@ def find_inputs(job: Job, reader: InputReader) -> dict[PartName, PartInputs]:
         if job.cell.dataset == "dtu" and job.chamfer is not None:
             parts["chamfer"] = _find_chamfer_inputs(job, job.chamfer, reader)
     else:
-        # All other conditions have images. Conditions that our renderers draw also have a walk (a camera
-        # path) and a timing.
+        # All other conditions have images. Conditions that our renderers draw also have a timing and a walk
+        # (a camera path).
         parts["quality"] = {
             **views,
             **_find_image_inputs(job, reader),
@@ -240,7 +241,8 @@ def find_scan_files(data: Path, scene: str) -> list[Path]:
 
 
 def _find_chamfer_inputs(job: Job, table: ChamferTable, reader: InputReader) -> PartInputs:
-    """Return the inputs of the Chamfer distance. A missing file is reported when the distance is computed."""
+    """Return the inputs of the Chamfer distance. A missing file is reported when the Chamfer distance is
+    computed."""
     from msb.metrics import identity
 
     scene = job.scene.read()

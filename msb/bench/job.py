@@ -67,7 +67,7 @@ class Job:
 
     @property
     def folder(self) -> Path:
-        """The folder of the cell."""
+        """The folder of the benchmark cell."""
         return Results(self.root).cell(self.cell)
 
     @property

@@ -35,15 +35,15 @@ class Missing:
     code: str
     # Path of the file, its fault, its use, and the number of cells that need it.
     message: str
-    # The number of cells that need the input; 0 if it is unknown.
+    # The number of benchmark cells that need the input; 0 if it is unknown.
     cells: int
-    # Whether the cells cannot be computed without the input. If the value is false, only a part of each
-    # record will be missing.
+    # Whether the benchmark cells cannot be computed without the input. If the value is false, only a part of
+    # each record will be missing.
     blocks: bool
 
 
 class _Need(NamedTuple):
-    """An input that is missing for one cell."""
+    """An input file that is missing for one benchmark cell."""
 
     code: str
     error: str
@@ -225,7 +225,8 @@ def _get_text(error: MsbError) -> str:
 def _check_template(file: ProtocolFile, template: str, names: Mapping[str, str]) -> None:
     """Raise FILE_NOT_FOUND if the path of a template does not exist.
 
-    The error names the outermost missing folder. Therefore all scenes below this folder have the same error.
+    The error names the first folder of the path that does not exist. Therefore all scenes below this folder
+    have the same error.
     The search starts at the folder that contains the first placeholder {dataset} or {scene}.
     """
     places = (match for match in PLACE.finditer(template) if match[1] in ("dataset", "scene"))

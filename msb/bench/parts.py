@@ -1,4 +1,4 @@
-"""Measure the parts of a benchmark cell: timing, audit, trials, repairs, Chamfer distance and training."""
+"""Measure parts of a benchmark cell: timing, audit, trials, repairs, Chamfer distance and training."""
 
 import re
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ from msb.scenes.datasets import Scene
 
 
 def measure_timing(job: Job) -> dict[str, Any]:
-    """Return timing, memory, floor (fixed cost) and device of a cell.
+    """Return the timing, memory, fixed cost and device of a benchmark cell.
 
     No file is written during the timing.
     """

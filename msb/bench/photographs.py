@@ -151,7 +151,7 @@ def _find_fault(folder: Path, views: ViewState) -> str | None:
     names = {f"{name}.png" for name in views.names}
     if not isinstance(files, dict) or about != _make_document(views, files) or set(files) != names:
         return f"{HASHES} belongs to other photographs"
-    # Ignore hidden files of file managers.
+    # Ignore hidden files that file managers create.
     others = {name for name in present if not Path(name).name.startswith(".")}
     for name in sorted(names | others):
         if present.get(name) != files.get(name):
@@ -163,7 +163,8 @@ def _find_fault(folder: Path, views: ViewState) -> str | None:
 
 
 def _hash_files_below(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 of each file below a folder, by name. The hash list itself is left out.
+    """Return the SHA-256 of each file below a folder, as a mapping from file name to hash. The hash list
+    itself is left out.
 
     A folder in place of a file has the hash "".
     """

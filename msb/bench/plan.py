@@ -1,4 +1,4 @@
-"""The plan of a run: the cells of the protocol, the parts to compute, and the reasons for computing them."""
+"""The plan of a run: its benchmark cells, the parts to compute, and the reason for each part."""
 
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -133,7 +133,7 @@ class Planner:
         self.pairs: dict[tuple[str, ...], Pair] = {}
 
     def plan(self, pairs: Sequence[Pair], models: Mapping[Pair, ModelAsset | Exception]) -> list[Planned]:
-        """Return all selected cells in the order of the protocol.
+        """Return all selected benchmark cells in the order of the protocol.
 
         For each pair of method and scene, `models` contains the model or the error about the model. In a dry
         run, models that have not been exported count as missing.
@@ -285,7 +285,7 @@ class Planner:
         return Reason(code="UNSUPPORTED_TIER", message=f"{cell.method} on tier {tier}: {why}")
 
     def _find_variant(self, cell: Cell) -> VariantTable | None:
-        """Return the table of the cell's variant, or None if the cell has no variant."""
+        """Return the protocol table for the cell's variant, or None if the cell has no variant."""
         tables = (table for table in self.file.protocol.variants if table.label == cell.variant)
         return next(tables, None)
 

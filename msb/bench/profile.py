@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 # The default warm-up ends after this number of frames or seconds, whichever comes first.
 WARM_UP_FRAMES = 10
 WARM_UP_SECONDS = 1.0
-# Number of rounds of a timing. The frame rates of the rounds differ if other programs use the machine.
+# Number of consecutive rounds that divide the frames of a timing. If other programs use the machine, the
+# rounds have different frame rates.
 ROUNDS = 5
 
 
@@ -36,7 +37,7 @@ class Profile:
 
     timing: Timing
     # Bytes of each device buffer after all cameras were drawn, by the name of the buffer. Buffers never
-    # shrink, so each buffer has the size that the most demanding camera needs.
+    # shrink, so each buffer has the size that the largest view needs.
     memory: Mapping[str, int]
     # The group of each buffer (`Renderer.memory_groups`), by the name of the buffer.
     memory_groups: Mapping[str, str]
@@ -147,7 +148,8 @@ def _select_frame_times(spans: Sequence[float]) -> tuple[float, ...]:
 class _CameraCycle:
     """Draws cameras in turn.
 
-    `unseen` contains the cameras that were not drawn yet. The remaining cameras are drawn later to measure
+    The set `unseen` contains the cameras that were not drawn yet. The remaining cameras are drawn later to
+    measure
     memory.
     """
 

@@ -1,4 +1,4 @@
-"""The progress of a stage of a run: its current tasks, and an estimate of the remaining time."""
+"""The progress of one stage of a run: its current tasks and its estimated remaining time."""
 
 import statistics
 import time
@@ -10,8 +10,8 @@ class RemainingTime(NamedTuple):
     """An estimate of the remaining time."""
 
     seconds: float
-    # Whether the estimate is a lower bound. The estimate is a lower bound in two cases: a kind of task has no
-    # finished task yet, or a task already takes longer than the average of its kind.
+    # Whether the estimate is a lower bound. The estimate is a lower bound if a kind of task has no finished
+    # task yet. It is also a lower bound if a task takes longer than the average of its kind.
     at_least: bool
 
 
@@ -63,9 +63,10 @@ class Stage:
         self._record_starts()
 
     def estimate_rest(self) -> RemainingTime | None:
-        """Return the estimated time of the remaining tasks, from the average time of each kind.
+        """Return the estimated time of the remaining tasks. The estimate uses the average time of each kind
+        of task.
 
-        If no remaining kind of task has a finished task, the result is None.
+        If no task of the remaining kinds has finished, the result is None.
         """
         # The progress bar calls this function in another thread, so lists that may change are copied.
         means = {kind: statistics.fmean(durations) for kind, durations in list(self._durations.items())}

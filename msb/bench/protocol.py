@@ -157,7 +157,7 @@ def _find_faults(protocol: Protocol) -> _Faults:
         for number, bake in enumerate(protocol.bakes):
             yield from _check_datasets(bake, protocol, f"/bakes/{number}")
             yield from _check_call(f"/bakes/{number}", partial(BakeOptions, **bake.options))
-    # A walk may name only conditions that our renderers or an engine can render.
+    # A walk (camera path) may name only conditions that our renderers or an engine can render.
     walked = () if protocol.walk is None else protocol.walk.conditions
     labels = [*(table.label for table in protocol.variants), *(table.label for table in protocol.bakes)]
     rendered = (*WALKED, *protocol.engines, *labels)
@@ -207,7 +207,7 @@ def _check_datasets(table: MethodTable | BakeTable, protocol: Protocol, place: s
 
 
 def _check_labels(protocol: Protocol) -> _Faults:
-    """Yield an error for each label that is already used in tables or folders."""
+    """Yield an error for each label that is already used as a column or folder name."""
     # The method of each model label. Two models of a method may share a label if their scenes differ.
     methods: dict[str, str] = {}
     for number, method in enumerate(protocol.methods):
@@ -238,7 +238,7 @@ def _check_variant(variant: VariantTable, protocol: Protocol, place: str) -> _Fa
     from msb.render.backend import renderers
 
     if not (variant.options or variant.renderer or variant.settings):
-        yield place, "a variant must set its order, sampling, renderer or settings"
+        yield place, "a variant must set at least one of order, sampling, renderer and settings"
     if variant.renderer is not None and variant.renderer not in renderers():
         text = f'unknown renderer "{shorten(variant.renderer)}"; available: {", ".join(renderers())}'
         yield f"{place}/renderer", text

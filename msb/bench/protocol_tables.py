@@ -11,9 +11,9 @@ from msb.bench.timing import Timing
 from msb.bench.validation import Record
 from msb.registry import Order, Sampling
 
-# The method of a model with this name is detected from its files.
+# Method name that requests detection of the method from the model's files.
 AUTO = "auto"
-# Value of `non_engine` that requests images of our NumPy renderer instead of official renderings.
+# Value of `non_engine` that requests images of our NumPy renderer in place of official renderings.
 REFERENCE = "reference"
 PLACES = ("dataset", "scene", "method")
 # A placeholder in a path, or a doubled brace, which denotes a literal brace.
@@ -151,7 +151,8 @@ class ChamferTable(Record):
 class VideosTable(Record):
     """``[videos]``: films of the conditions side by side along a camera path.
 
-    The `path` "flight" moves smoothly through the test cameras. The `path` "test" shows the test views,
+    The `path` "flight" is a smooth camera path through the test cameras. The `path` "test" shows the test
+    views,
     together with the photographs and the official renderings.
     """
 
@@ -167,9 +168,9 @@ class WalkTable(Record):
     # engine render.
     conditions: tuple[FolderName, ...] = ()
 
-    # The walk needs 24 frames from one stop to the next, and 240 frames for a loop with ten stops.
+    # The walk needs 24 frames from one stop to the next, so a loop with ten stops has 240 frames.
     frames: Annotated[int, Field(ge=3, le=100_000)] = 240
-    # Distance of the stops from the cameras, relative to the radius of the capture.
+    # Distance from each stop to the cameras, relative to the radius of the capture.
     reach: Annotated[float, Field(ge=0, le=10)] = 0.25
     # Longer side of the frames in pixels.
     size: Annotated[int, Field(ge=16, le=16_384)] = 640

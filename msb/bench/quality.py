@@ -152,7 +152,7 @@ class _RenderedImages:
 def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
     """Return the renderer for the asset of a cell.
 
-    If `asset` is given, the renderer draws this asset instead.
+    If `asset` is given, the renderer draws this asset in place of the cell's asset.
 
     The renderer omits buffers that are only needed by other commands.
     """

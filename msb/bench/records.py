@@ -34,8 +34,8 @@ from msb.registry import Tier
 SCHEMA: Literal["msb.result/2"] = "msb.result/2"
 # Maximum size of a record in bytes. The record of an image takes about 400 bytes, so 100,000 test views fit.
 MAX_BYTES = 64 << 20
-# Maximum number of frame times in a record. 20,000 times take 160 kB. The default timing of 3 s has fewer
-# frames.
+# Maximum number of frame times in a record. The JSON text of 20,000 times takes 160 kB. The default timing
+# takes 3 s and therefore has fewer frames.
 MOST_FRAME_TIMES = 20_000
 # Maximum size of a file of the schema msb.renderer_timing/1 in bytes.
 _MAX_TIMING = 1 << 16
@@ -44,23 +44,23 @@ Condition = Literal["non_engine", "dedicated", "standard", "exported_mesh"]
 # The conditions of the benchmark: native renderer, two engine tiers, and exported mesh. The exported mesh is
 # audited but not rendered.
 CONDITIONS: tuple[Condition, ...] = ("non_engine", "dedicated", "standard", "exported_mesh")
-# The tier that renders each condition with images, in the order of decreasing quality.
+# The tier that renders each condition with images. The conditions are sorted by decreasing quality.
 TIER_OF: Mapping[str, Tier] = MappingProxyType(
     {"non_engine": "reference", "dedicated": "dedicated", "standard": "standard"}
 )
 
-# Conditions that are measured on the walk, because their renderers accept arbitrary cameras.
+# Conditions that are measured on the camera path (walk), because their renderers accept arbitrary cameras.
 WALKED: tuple[Condition, ...] = ("dedicated", "standard")
 # Names of bake conditions begin with this word.
 BAKED = "baked"
 
-# Tolerance for recorded averages. The tolerance is larger than rounding errors, and smaller than the last
-# printed digit.
+# Tolerance for recorded averages. The tolerance is larger than rounding errors, and smaller than one unit of
+# the last printed digit.
 _ROUNDING = {"rel_tol": 1e-9, "abs_tol": 1e-9}
 
 # Larger numbers in any part of a record are rejected. Sums and squares of accepted numbers do not overflow.
 _MAX_NUMBER = 1e100
-# A positive number. The lower limit avoids infinite quotients.
+# A positive number. The lower limit avoids division by values close to zero.
 _Divisor = Annotated[float, Field(ge=1e-9)]
 
 Status = Literal["done", "failed", "unsupported"]
@@ -135,7 +135,7 @@ class Setup(Record):
     image_folder: str
     # Whether the photographs were resized because the dataset provides no images of this size.
     gt_resized: bool
-    # Colour behind the model and behind a masked photograph, RGB from 0 to 1.
+    # Colour behind the model and behind masked photographs, as RGB from 0 to 1.
     background: tuple[float, float, float]
     mask_source: Literal["png_alpha", "mask_folder", "mask_path"] | None = None
     render_masked_by_gt_alpha: bool = False
@@ -220,16 +220,17 @@ class Timing(Record):
     # Sum of the times of all commands of a frame.
     busy_p50_ms: Amount
     busy_p95_ms: Amount
-    # Device time since the first command was queued. The value is None if the renderer cannot measure this
-    # time.
+    # Device time from the queueing of the first command. The value is None if the renderer cannot measure
+    # this time.
     queued_p50_ms: Amount | None
     queued_p95_ms: Amount | None
-    # Frame rates of up to five consecutive rounds. The rates differ if other programs use the machine.
+    # Frame rates of up to five consecutive parts (rounds) of the timing. If other programs use the machine,
+    # the rounds have different frame rates.
     round_fps: tuple[Amount, ...]
     # Device time of each frame in units of 0.1 microseconds. Long timings keep only evenly spread frames.
     # Older records have no frame times.
     frame_ms: Annotated[tuple[Amount, ...], Field(max_length=MOST_FRAME_TIMES)] = ()
-    # Median milliseconds of each stage of the renderer.
+    # Median time of each renderer stage in milliseconds.
     stages_ms: dict[str, Amount]
     device_kind: Literal["gpu", "cpu", "other"]
 
@@ -258,7 +259,7 @@ class Timing(Record):
 class Memory(Record):
     """Bytes of our device buffers after all test views were drawn, by purpose.
 
-    Buffers never shrink, so each buffer has the size that the most demanding view needs.
+    Buffers never shrink, so each buffer has the size that the largest view needs.
     """
 
     geometry: Count
@@ -319,14 +320,15 @@ class WalkDocument(Record):
     height: Count
     # Root mean square of `msb.metrics.steadiness.unexplained_change` over all frames, in levels of 255.
     flicker: Amount
-    # The flicker during the one second of the walk that flickers most.
+    # The flicker during the second of the walk with the most flicker.
     flicker_worst: Amount
     # Index of the first frame of the worst second.
     worst_frame: Count
-    # Share of hole pixels (`msb.metrics.steadiness.find_holes`) among all pixels with the model or a hole.
+    # Fraction of hole pixels (`msb.metrics.steadiness.find_holes`) among all pixels that show the model or a
+    # hole.
     holes: Share
-    # Name of a film file beside the record that shows the worst second. Without the extra `video`, the value
-    # is None.
+    # Name of a video file beside the record. The video shows the second with the most flicker. Without the
+    # extra `video`, the value is None.
     film: str | None
     seconds: Amount
 
@@ -403,8 +405,8 @@ class Result(Record):
     renderer_timing: RendererTiming | None = None
     # The reason for each missing part ("timing", "walk", "trial", "repairs", "chamfer", "training").
     reasons: dict[Name, Reason] = Field(default_factory=dict)
-    # The hash or version of each input, by part and by name of the input. If an input changes, the part that
-    # depends on it is computed again.
+    # The hash or version of each input, by the names of part and input. If an input changes, each part that
+    # depends on this input is computed again.
     inputs: dict[Name, dict[Name, str]] = Field(default_factory=dict)
 
     @property
@@ -414,7 +416,7 @@ class Result(Record):
 
     @property
     def drawn_on(self) -> dict[str, Any]:
-        """The name of the device or engine that rendered; empty if unknown."""
+        """The name of the rendering device or engine; empty if unknown."""
         device = (self.device or {}).get("device")
         return device if isinstance(device, dict) else {}
 

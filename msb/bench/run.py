@@ -311,12 +311,12 @@ class _Run:
             write_result(job.folder, result.model_copy(update={"trained": job.trained}))
 
     def write_videos(self, cells: list[Planned]) -> None:
-        """Write the films of the protocol, if it has any."""
+        """Write the videos that the protocol requests."""
         options = self.file.protocol.videos
         if options is None:
             return
         jobs = [planned.job for planned in cells if planned.job is not None]
-        # A grid combines the films of several methods. Therefore plan grids after the films are written.
+        # A grid shows the videos of several methods. Therefore plan grids after the videos are written.
         for write, plan in ((write_video, plan_videos), (write_grid, plan_grids)):
             for task, answer in self.run_tasks("videos", write, plan(options, jobs)):
                 if isinstance(answer, Exception):

@@ -1,7 +1,8 @@
-"""The loss from Dedicated to Standard, split into three parts: colours, faces and blending.
+"""The loss of quality from Dedicated to Standard, split into three parts: colours, faces and blending.
 
-Two bakes of the same model separate the parts of the loss. Both bakes are rendered on the standard tier with
-one sample per pixel. The first bake (the ceiling) keeps the triangles and has the best static colours. No
+Two bakes of the same model separate the parts of the loss. Both baked meshes are rendered on the standard
+tier with one sample per pixel. The first bake (the ceiling) keeps the triangles and has the best static
+colours. No
 exporter that keeps the triangles can have a smaller loss. The second bake has new triangles.
 """
 

@@ -86,7 +86,7 @@ def read_track(path: Path) -> Track:
 def make_renderer_timing(record: Track, frames: int) -> RendererTiming:
     """Return the timing of a renderer whose command drew `frames` images.
 
-    The command's time is an upper bound.
+    The timing of the whole command is an upper bound for the rendering time.
     """
     device = ", ".join(gpu.name for gpu in record.gpus) or str(record.machine.get("host", "unknown"))
     return RendererTiming(
@@ -196,7 +196,7 @@ def _forward_signals() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
     def forward(number: int, _frame: object) -> None:
         if not children:
             early.append(number)
-        # The terminal sends Ctrl-C to all processes of the foreground group, including the child process.
+        # Ctrl-C in a terminal reaches all processes of the foreground group, including the child process.
         elif number != signal.SIGINT or not _is_in_foreground():
             send(number)
 

@@ -105,7 +105,7 @@ def _describe_unknown_key(model: type[BaseModel], place: tuple[str | int, ...]) 
 def _list_keys(model: type[BaseModel], place: tuple[str | int, ...]) -> list[str]:
     """Return the keys that `model` allows at the location `place`.
 
-    If several models are possible at `place`, the list is empty.
+    If several models are possible at `place`, the function returns an empty list.
     """
     current: Any = model
     for name in place:
@@ -119,7 +119,7 @@ def _list_keys(model: type[BaseModel], place: tuple[str | int, ...]) -> list[str
 
 
 def _find_models(annotation: Any) -> list[type[BaseModel]]:
-    """Return all models in a type annotation. For list[A] | None, return A."""
+    """Return all models in a type annotation. For the annotation `list[A] | None`, return A."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for part in get_args(annotation) for model in _find_models(part)]

@@ -34,10 +34,11 @@ ONE_SCENE = (
     "views are similar."
 )
 NO_COMPARISON = "--against {}: no other method was measured under the same condition on the same scene"
-# Datasets with few scenes. Tables of these datasets show the scenes side by side, as in the paper. The tables
-# of other datasets have a row per scene.
+# Datasets with few scenes. Tables of these datasets have one column per scene, as in the paper. The tables of
+# other datasets have a row per scene.
 FEW_SCENES = ("tanksandtemples",)
-# For each table of the paper, the function that builds our table, and its dataset ("" for all datasets).
+# For each table of the paper, the function that builds our table, and its dataset. An empty dataset means all
+# datasets.
 _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "native_summary": (measurements.native_summary, ""),
     "native_comprehensive_results": (measurements.native_comprehensive_results, ""),
@@ -51,7 +52,7 @@ _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
 }
 # For each label of the paper, the label of our table.
 EQUIVALENTS = {label: "-".join(filter(None, (build.__name__, at))) for label, (build, at) in _PAPER.items()}
-# Labels of tables that differ between this report and the paper: our label to the paper's label.
+# For each label of our tables that differs from the paper, the label in the paper.
 _PAPER_LABELS = {
     "renderer_comparison-mipnerf360": "mip360_renderer_comparison",
     "renderer_comparison-tanksandtemples": "tnt_renderer_comparison",
@@ -67,7 +68,7 @@ _SECTIONS = {
         "Image quality of the same models with their native renderers, on each tier and in each engine.",
         "deployment_gap",
     ),
-    "gaps": ("Deployment gaps", "Loss of quality at each step of deployment.", ""),
+    "gaps": ("Deployment gaps", "Loss of quality from each condition to the next.", ""),
     "bakes": (
         "Parts of the loss",
         "Quality of baked meshes, and the part of the loss that baking avoids.",
@@ -119,7 +120,7 @@ def build_report(
     with_paper : bool
         Whether to include the numbers of the paper. Numbers in `published` are always included.
     against : str, optional
-        A method or label. Every other method is compared with this method, view by view.
+        A method or label. Every other method is compared with this method in each view.
     """
     _check_chosen(results, chosen)
     numbers = collect(results)
@@ -194,7 +195,7 @@ def _with_contradictions(*tables: Table) -> tuple[Table, ...]:
 def _with_paper_notes(table: Table) -> Table:
     """Return one of our tables.
 
-    Add notes on contradictions in the paper if the table prints numbers of the paper.
+    If the table prints numbers of the paper, add notes on contradictions in the paper.
     """
     has_columns = any(SOURCES["meshsplatbench"] in column.groups for column in table.columns)
     if not has_columns and not any(row.paper for row in table.rows):
@@ -210,11 +211,11 @@ def _make_sections(
     datasets = numbers.datasets()
     drawn = [dataset for dataset in datasets if numbers.conditions(dataset)]
     deployed = [d for d in drawn if any(condition != "non_engine" for condition in numbers.conditions(d))]
-    # In tables of datasets with few scenes, the scenes are side by side.
+    # Tables of datasets with few scenes have one column per scene.
     few = [dataset for dataset in deployed if dataset in FEW_SCENES]
     audited = [dataset for dataset in datasets if numbers.methods(dataset, "exported_mesh")]
 
-    # Choose tables by the kind of dataset, and by the existence of published numbers.
+    # Choose tables by the kind of dataset. Some tables also need published numbers.
     runtime = [slowdown_table(numbers, paper)] if deployed else []
     runtime += [measurements.runtime_resources(numbers, dataset, paper) for dataset in few]
     for dataset in deployed:
@@ -296,7 +297,7 @@ def _drop_datasets(paper: Numbers, datasets: Sequence[str]) -> Numbers:
 
 
 def _summarise(results: ResultSet, numbers: Numbers) -> str:
-    """Return a text with the number of results, methods, scenes and datasets, and our version."""
+    """Return a text with our version and the number of results, methods, scenes and datasets."""
     methods = {place.method for place in results.places}
     scenes = {(place.dataset, place.scene) for place in results.places}
     of = f"{_format_count(len(results), 'result')} of {_format_count(len(methods), 'method')}"

@@ -1,7 +1,7 @@
 """Charts as SVG and PDF: gaps and their parts, quality against speed, differences from published results.
 
-Colour-blind readers can distinguish the colours, which are from the palette of Okabe and Ito. Markers, line
-styles and hatches repeat the information of the colours. Text and axes have the text colour of the
+The colours are from the palette of Okabe and Ito, so that colour-blind readers can distinguish them. Markers,
+line styles and hatches distinguish the same items as the colours. Text and axes have the text colour of the
 surrounding page.
 """
 
@@ -55,12 +55,12 @@ _VARIANT_MARKERS = ("D", "P", "X", "v")
 _INK, _PAPER = "#010203", "#fdfcfb"
 # Width and height of a chart in inches, about the width of a phone's screen.
 _SIZE = (4.6, 3.3)
-# Width of a sheet of images (the text width of a paper), and height of row labels, in inches.
+# Width of a sheet of images in inches (the text width of a paper), and height of row labels in inches.
 _SHEET_WIDTH, _LABEL_HEIGHT = 7.0, 0.2
 # Number of legend rows that fit without extra space. Each further row makes the chart taller by `_ROW_HEIGHT`
 # inches.
 _LEGEND_ROWS, _ROW_HEIGHT = 4, 0.19
-# Minimum number of bars that a chart has space for, so that a single bar does not fill the chart.
+# Minimum number of bars that a chart has space for. Without a minimum, a single bar would fill the chart.
 _MIN_BARS = 3
 
 

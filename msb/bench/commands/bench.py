@@ -172,7 +172,7 @@ def _read_old(path: Path) -> dict[str, Any]:
 
 
 def _is_record(data: dict[str, Any]) -> bool:
-    """Return whether the tables of a record contain numbers and nulls only."""
+    """Return whether the tables of a record contain only numbers and nulls."""
     tables = [data.get(key) for key in ("device_ms", "busy_ms", "stages_ms", "memory_bytes")]
     values = [value for table in tables if isinstance(table, dict) for value in table.values()]
     numbers = (*values, data.get("driver_memory_bytes"))

@@ -93,7 +93,7 @@ def tables() -> Iterator[tuple[str, TextRows]]:
 
 
 def _table_rows(table: Table, group: str | None = None) -> TextRows:
-    """Return the texts of all columns of a table, or of the columns below the heading `group`.
+    """Return the texts of all table columns. If `group` is given, return only the columns below this heading.
 
     A star marks a note.
     """
