@@ -149,7 +149,7 @@ class ChamferTable(Record):
 
 
 class VideosTable(Record):
-    """``[videos]``: films of the conditions side by side along a camera path.
+    """``[videos]``: videos that show the conditions side by side along a camera path.
 
     The `path` "flight" is a smooth camera path through the test cameras. The `path` "test" shows the test
     views,

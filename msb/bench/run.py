@@ -1,4 +1,4 @@
-"""A run: export and bake models, write ground truth, compute cells, take timings and write films.
+"""A run: export and bake models, write ground truth, compute cells, take timings and write videos.
 
 Each stage submits tasks to the workers, and continues if a task fails. Finished work is stored on disk, so an
 interrupted run continues when it is started again.

@@ -122,7 +122,7 @@ def plan_grids(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
 
 
 def _get_film_path(job: Job) -> Path:
-    """Return the path of a film. The video shows the model of a benchmark job in its scene."""
+    """Return the path of a video. The video shows the model of a benchmark job in its scene."""
     return Results(job.root).video(*job.cell.names[:3])
 
 
@@ -159,7 +159,7 @@ def write_grid(task: FilmTask) -> None:
     """Write a video that stacks the videos of all methods of a scene, and a JSON file that describes the
     video.
 
-    Methods are rows of the film, and conditions are columns.
+    Each row of the video shows a method, and each column a condition.
     """
     check_run(task.jobs[0].root, task.jobs[0].run)
     films, models = [_get_film_path(job) for job in task.jobs], [job.cell.model_name for job in task.jobs]

@@ -41,8 +41,8 @@ _MESH = "exported_mesh"
 _METRICS = ("fps", "p50_ms", "p95_ms", "memory", "asset_size", "nonmanifold_edge_ratio", "components")
 # Number of hexadecimal digits of a hash in the table of results. The table of files prints all 64 digits.
 _HASH_DIGITS = 12
-# If submitters have equal names, this many hexadecimal digits of a hash are added to the names. More digits
-# are used only if another hash begins with the same digits.
+# Minimum and maximum number of hexadecimal digits that are added to equal names of submitters. More digits
+# are used only if the names are still equal.
 _MIN_NAME_DIGITS, _MAX_NAME_DIGITS = 6, 64
 # Maximum width and height of a submitted image, in pixels.
 _MAX_SIDE = 4096

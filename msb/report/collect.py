@@ -240,9 +240,9 @@ def _add_condition(
 
 
 def _floor_number(metric: str, result: Result | None, number: Number) -> Number:
-    """Add the cost of a single triangle to a number.
+    """Return the renderer's cost of a single triangle.
 
-    If the cost of a single triangle is missing, return `number`.
+    `number` is the cost of the mesh, which is returned if its value is missing.
     """
     if number.value is None:
         return number
@@ -386,7 +386,7 @@ def _add_gaps(
     """For each pair of conditions, compute the quality gaps of a method, and add them to `gaps`."""
     expected = expected_scenes(dataset, of_scenes)
     for pair in pairs:
-        # For each tier, collect the records. An engine replaces the condition of its tier.
+        # For each tier, collect the records of the condition that `pair` names for the tier.
         named = dict(zip(("non_engine", "standard", "dedicated"), ("non_engine", *pair), strict=True))
         compared = {
             scene: {

@@ -55,7 +55,7 @@ def read_task_outcomes(loaded: LoadedResult | None, *, pictures: bool = True) ->
 
 
 def _read_png(loaded: LoadedResult, folder: str, name: str | None) -> str | None:
-    """Return a PNG as an embeddable address, or None for a missing or different file."""
+    """Return a PNG file as a data URI. If the file is missing or was changed, return None."""
     path = None if name is None else loaded.file(f"{folder}/{name}")
     if path is None:
         return None
@@ -77,7 +77,7 @@ class RepairComparison:
     plan : str or None
         The plan that the first sentence recommends, for `msb repair --plan`.
     pictures : tuple of (str, str)
-        Name and image of each strategy that cut edges, or removed or added faces.
+        Name and image of each strategy that cut edges, removed faces or added faces.
     """
 
     table: Table
@@ -121,7 +121,7 @@ def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], st
     visible = min(
         (strategy for strategy in better if not strategy.looks.standard.same), key=_rank, default=None
     )
-    # The second strategy is recommended only if its result is better than the result of the first.
+    # The second strategy is recommended only if its result is better than the first strategy's result.
     sentences, plan = [], None
     if invisible is not None:
         plan = ",".join(invisible.plan)
@@ -148,7 +148,7 @@ def _grade(strategy: Strategy) -> tuple[int, int]:
 
 
 def _rank(strategy: Strategy) -> tuple[tuple[int, int], int]:
-    """Return a sort key: the grade, then the number of components."""
+    """Return a sort key: first the verdict's grade, then the number of components."""
     return _grade(strategy), strategy.components
 
 

@@ -62,7 +62,7 @@ class Report:
     def verdicts(self) -> tuple[Verdict, ...]:
         """The verdict on each asset.
 
-        Verdicts are computed on first access, because they compare renderings.
+        Verdicts are computed on first access, because the computation compares renderings.
         """
         if self.results is None:
             return ()

@@ -53,7 +53,7 @@ def to_markdown(table: Table) -> str:
     lines = [f"**{escape_markdown(table.caption)}**", "", _markdown_line(heads), aligned]
     section = ""
     for row in table.rows:
-        # A section heading is a separate row.
+        # Each section heading is printed as a separate row.
         if row.section and row.section != section:
             lines.append(_markdown_line([f"*{escape_markdown(row.section)}*"] + [""] * (len(heads) - 1)))
         section = row.section

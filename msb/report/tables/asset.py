@@ -24,7 +24,7 @@ from msb.report.tables.gaps import scene_gaps_table
 from msb.report.tables.measurements import DRIVER_NOTE, STRUCTURE_NOTES, connectivity_columns
 
 _COSTS = ("fps", "p50_ms", "p95_ms", "memory", "asset_size")
-# Attributes of `Memory`, in bytes.
+# Attributes of the class `Memory`, in bytes.
 _MEMORY_PARTS = ("geometry", "appearance", "scratch", "targets", "total")
 
 
@@ -94,7 +94,8 @@ def _memory_table(memory: Mapping[str, Memory]) -> Table:
 
 
 def _structure_table(place: Place, metrics: Mapping[str, float | None]) -> Table:
-    """Return the connectivity metrics of a mesh, with the paper's means over scenes of the same dataset."""
+    """Return the connectivity metrics of a mesh, with the paper's means over the scenes of the same
+    dataset."""
     columns = connectivity_columns()
 
     def cells(values: Mapping[str, float | None]) -> tuple[TableCell, ...]:
@@ -113,7 +114,7 @@ def _structure_table(place: Place, metrics: Mapping[str, float | None]) -> Table
 
 
 def provenance(records: Mapping[str, Result]) -> list[tuple[str, str]]:
-    """Return (name, value) pairs for the page of an asset: files, renderers, devices and settings."""
+    """Return (name, value) pairs about files, renderers, devices and settings for the page of an asset."""
     facts: dict[str, dict[str, None]] = {}
 
     def add(name: str, value: str | None) -> None:

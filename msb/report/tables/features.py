@@ -6,7 +6,7 @@ from dataclasses import fields
 from msb.registry import METHODS, Method, Native, Tier
 from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED, Table, TableCell, TableColumn, TableRow
 
-# Titles of fields that differ from the capitalised field name.
+# Titles of the fields whose title is not the capitalised field name.
 _TITLES = {"sh": "SH", "view_dependence": "View-dep."}
 # For each tier, the fields of `Retained` that are columns of the table. The standard tier is the opaque
 # fallback and keeps only the appearance.

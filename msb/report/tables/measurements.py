@@ -28,39 +28,40 @@ TIME_NOTE = (
     "the end of its last command. The mean row averages the percentiles of the scenes"
 )
 MEMORY_NOTE = (
-    "total size of all buffers and images after rendering all test views. Each buffer is as large as the "
-    "most demanding view requires. Memory of the driver itself is not included"
+    "total size of all buffers and images after rendering all test views. Each buffer has the size that the "
+    "largest view needs. The driver's own memory is not included"
 )
 DRIVER_NOTE = (
     "By the driver: memory of the process on an NVIDIA GPU after all test views were rendered, as reported "
-    "by NVML. It includes memory of the driver itself and memory that earlier cells of the process did not "
-    "release"
+    "by NVML. It includes the driver's own memory. It also includes memory that the process still holds from "
+    "earlier benchmark cells"
 )
 PARTS_NOTES = (
-    "Busy P50: sum of the times of all commands of a frame; P50 - Busy P50 is idle time between commands",
-    "Host: 1000 / FPS - P50, the wall-clock time of a frame outside of its device time",
-    "Rounds apart: difference between the fastest and the slowest of five rounds, relative to the frame rate",
+    "Busy P50: sum of the times of all commands of a frame. P50 - Busy P50 is the idle time between commands",
+    "Host: 1000 / FPS - P50, the wall-clock time of a frame minus its device time",
+    "Rounds apart: difference in frame rate between the fastest and the slowest of five timing rounds, "
+    "relative to the overall frame rate",
 )
 WALK_NOTES = (
-    "Flicker: root mean square of the changes between frames that surface motion does not explain, in levels "
-    "of 255. A static opaque mesh with 64 samples per pixel has less than 0.3",
+    "Flicker: root mean square of the changes between frames that surface motion does not explain, in "
+    "levels of 255. The flicker of a static opaque mesh with 64 samples per pixel is less than 0.3",
     "Holes: pixels that show the background instead of the model, as a share of the pixels that show the "
     "model or a hole",
 )
 FLOOR_NOTE = (
     "Floor: the part of the renderer's cost that does not depend on the mesh. It is measured with a single "
-    "triangle of the "
-    "model and the shared texture or network, at the size of the largest view, and averaged over scenes"
+    "triangle and the shared texture or network, at the size of the largest view. The cost is averaged over "
+    "scenes"
 )
 # Notes on the interpretation of connectivity metrics (paper, "Interpretation").
 STRUCTURE_NOTES = (
     "of the mesh as stored: faces and vertices were not merged, removed or repaired",
-    "boundaries are not always errors: open scenes, sheets and unseen parts of a surface have boundaries",
+    "boundaries are not always errors. Open scenes, sheets and unseen parts of a surface have boundaries",
     "V/F and valence measure how often vertices are shared, not manifoldness or accuracy. Seams of UVs, "
     "normals and materials duplicate vertices, which raises V/F",
     "the number of components and the size of the largest component (LCC) do not measure accuracy or "
-    "manifoldness. The number of components depends on the resolution and the scene. Read it together with "
-    "the LCC fractions, and look at the mesh",
+    "manifoldness. The number of components depends on the resolution and the scene. Compare it with the "
+    "LCC fractions, and look at the mesh",
     "self-intersections are not examined",
 )
 # Metrics of native renderings, in addition to image quality.
@@ -105,7 +106,7 @@ def _scene_rows(
     prefix: str = "",
     of: Mapping[str, str] | None = None,
 ) -> Iterator[RowSpec]:
-    """Yield a row for each scene and each mean. For a dataset without scenes, yield only the mean.
+    """Yield a row for each scene and for each mean. For a dataset without scenes, yield only the mean.
 
     Parameters
     ----------
@@ -114,11 +115,11 @@ def _scene_rows(
     groups : sequence of str
         The groups of scenes of the dataset, in table order.
     group_means : bool
-        Whether each group ends with its mean. If false, only the last row is a mean and is bold.
+        Whether each group ends with its mean. If the value is false, only the last row is a mean and is bold.
     prefix : str
         First words of each section's name.
     of : mapping of str to str, optional
-        Fields of all keys.
+        Key fields that all rows share.
     """
     members = scene_groups(dataset)
 
@@ -126,7 +127,7 @@ def _scene_rows(
         heading = ", ".join(filter(None, (prefix, *section)))
         return RowSpec((scene_title(scene),), {"scene": scene, **(of or {})}, heading, scene in MEANS, bold)
 
-    # The order is: groups of scenes, scenes without a group, and the mean.
+    # The scenes of a group come first, then scenes without a group, then the mean.
     remaining = numbers.scenes(dataset)
     for group in groups if members else ():
         of_group = [scene for scene in remaining if scene in members[group]]
@@ -139,7 +140,7 @@ def _scene_rows(
 
 
 def _has_floor(numbers: Numbers, dataset: str) -> bool:
-    """Return whether a single triangle was timed on a dataset."""
+    """Return whether the cost of a single triangle was measured on a dataset."""
     return any(
         number.value is not None
         for key, number in numbers.values.items()
@@ -148,7 +149,7 @@ def _has_floor(numbers: Numbers, dataset: str) -> bool:
 
 
 def _floor_rows(numbers: Numbers, dataset: str) -> list[RowSpec]:
-    """Return the row of a single triangle, if a single triangle was timed."""
+    """If a single triangle was timed, return a row with its cost."""
     if not _has_floor(numbers, dataset):
         return []
     return [RowSpec((scene_title(FLOOR),), {"scene": FLOOR}, "one triangle")]
@@ -170,7 +171,8 @@ def native_summary(numbers: Numbers, paper: Numbers | None = None) -> Table:
 
 
 def native_comprehensive_results(numbers: Numbers, paper: Numbers | None = None) -> Table:
-    """Return the columns of `native_summary` for each scene and mean. The best method of a scene is bold."""
+    """Return the columns of `native_summary` for each scene and for each mean. The best method of a scene is
+    bold."""
     return make_table(
         numbers,
         paper,
@@ -253,7 +255,8 @@ def scene_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = Non
 
 
 def per_scene(numbers: Numbers, dataset: str, condition: str) -> Table:
-    """Return a row of results for each scene, under one condition. Each method has a block of columns.
+    """Return a row of results for each scene, under one condition. In the table, each method has a block of
+    columns.
 
     The best method of each scene is bold.
     """
@@ -308,7 +311,8 @@ def latency(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Tab
 
 
 def frame_time(numbers: Numbers, dataset: str) -> Table:
-    """Return the parts of the frame time: device commands, idle time between commands, and host time."""
+    """Return the parts of the frame time: device time of commands, idle time between commands, and host
+    time."""
     pairs, omitted = _deployments(numbers, dataset, "p50_ms")
     return make_table(
         numbers,
@@ -325,7 +329,8 @@ def frame_time(numbers: Numbers, dataset: str) -> Table:
 
 
 def walk(numbers: Numbers, dataset: str) -> Table:
-    """Return flicker and holes on a walk beyond the captured views. Each method's best condition is bold."""
+    """Return flicker and holes on a walk, which is a camera path beyond the captured views. Each method's
+    best condition is bold."""
     pairs, omitted = _deployments(numbers, dataset, "flicker", bakes=True)
     return make_table(
         numbers,
@@ -346,7 +351,8 @@ def walk(numbers: Numbers, dataset: str) -> Table:
 def memory(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return the device memory for each scene and deployment."""
     pairs, omitted = _deployments(numbers, dataset, "memory")
-    # Each condition and method has a column. If the driver reports memory, another column shows it.
+    # Each condition and method has a column. If the driver reports memory, an additional column shows this
+    # memory.
     columns = []
     by_driver = False
     for condition, method in pairs:
@@ -372,8 +378,8 @@ def memory(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Tabl
 
 def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return frame time, memory and asset size of a dataset with few scenes. The scenes are side by side."""
-    # Titles of the columns, by heading and metric. Each scene and each mean has a column for every metric of
-    # a block.
+    # Titles of the columns, by heading and metric. For each scene and each mean, every metric of a block has
+    # a column.
     blocks = {
         "Device time of a frame (ms ↓)": {metric: METRICS[metric].title for metric in _PERCENTILES},
         "Memory (MiB ↓)": {"memory": "Render", "asset_size": METRICS["asset_size"].title},
@@ -406,7 +412,8 @@ def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = No
 def _deployments(
     numbers: Numbers, dataset: str, metric: str, *, bakes: bool = False
 ) -> tuple[list[tuple[str, str]], tuple[str, ...]]:
-    """Return the (condition, method) pairs for a table of `metric`. For each unsupported pair, return a note.
+    """Return the (condition, method) pairs for a table of `metric`. For each unsupported pair of condition
+    and method, return a note.
 
     Bakes are included only if `bakes` is true, because the cost of bakes has a separate table.
     """

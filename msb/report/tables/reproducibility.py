@@ -28,7 +28,7 @@ SOURCES = {"paper": "Paper", "public": "Public", "meshsplatbench": "MeshSplatBen
 
 
 class PublishedPair(NamedTuple):
-    """A number of ours and the published number, both in the unit of the records.
+    """Our number and the published number, both in the unit of the records.
 
     `key` is the key of our number, but its `source` is the name of the publication. `notes` contains the
     notes of the published number.
@@ -76,7 +76,7 @@ def pair_with_published(numbers: Numbers, paper: Numbers) -> list[PublishedPair]
     """Pair our image quality values with the published values.
 
     `Key.source` of a pair is "paper" (the method's paper), "public" (the method's public code) or
-    "meshsplatbench" (the benchmark's paper). Means over only some of the scenes are not compared.
+    "meshsplatbench" (the benchmark's paper). If a mean covers only some of the scenes, it is not compared.
     """
     pairs = []
     for key, published in paper.values.items():
@@ -113,7 +113,7 @@ def reproducibility_statistics(numbers: Numbers, paper: Numbers) -> Table:
         tuple(map(TableColumn, ("n", "mean |d|", "max |d|", "max |d| / published (%)", "Worst pair"))),
         tuple(_statistics_row(*group, groups[group]) for group in order if group in groups),
         (
-            "means over only some of the scenes are not compared",
+            "means that cover only some of the scenes are not compared",
             *([f"LPIPS: {PUBLISHED_LPIPS}"] if lpips else []),
             *list_notes(
                 pair for group in groups.values() for pair in group if pair.key.source != "meshsplatbench"
