@@ -42,7 +42,7 @@ class Identity:
 
 
 def defined(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the part of an identity that defines the metric, without the versions of libraries."""
+    """Return the part of an identity that defines the metric. Versions of libraries are omitted."""
     return {key: value for key, value in identity.items() if key != "libraries"}
 
 

@@ -20,8 +20,7 @@ _WINDOW_RADIUS = 5
 
 def find_max_psnr(pixels: int) -> float:
     """Return the largest PSNR in dB that two different 8-bit images with this number of pixels can have."""
-    # Pixel values are bytes / 255. The smallest difference is one step of 1/255 in a single channel of one
-    # pixel.
+    # Pixel values are bytes / 255. The smallest difference is 1/255 in a single channel of one pixel.
     return 10 * math.log10(255**2 * 3 * pixels)
 
 
@@ -33,8 +32,8 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
     pred, gt : (H, W, 3) uint8 or float
         RGB images of equal size. Floats are clamped to [0, 1]; bytes are divided by 255.
     quantize : bool
-        Whether floats are first rounded to 8 bits by floor(255 x + 0.5), like the files behind published
-        numbers. The benchmark rounds images to 8 bits.
+        Whether floats are first rounded to 8 bits by floor(255 x + 0.5). Files behind published numbers are
+        rounded in this way. The benchmark rounds images to 8 bits.
 
     Returns
     -------
@@ -49,7 +48,7 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
 
     Notes
     -----
-    The training log of the 3DGS family has a different quantity, the average of three PSNRs, one per channel
+    The training log of the 3DGS family has a different quantity: the average of three PSNRs, one per channel
     (`graphdeco-inria/gaussian-splatting`: utils/image_utils.py, called with channels first).
 
     Examples

@@ -10,7 +10,7 @@ from msb.base.paths import given_path, normal_form
 from msb.errors import InputError, MetricError, shorten
 from msb.metrics.image_files import IMAGE_SUFFIXES
 
-# Number of names that an error message lists. Further names are counted.
+# Number of names that an error message lists. Further names are only counted.
 _NAMED = 5
 _PLANES = tuple(f"{kind}{suffix}" for kind in ("_depth", "_ids") for suffix in (".npy", ".exr"))
 
@@ -18,7 +18,7 @@ _PLANES = tuple(f"{kind}{suffix}" for kind in ("_depth", "_ids") for suffix in (
 class ImagePair(NamedTuple):
     """Two image files to compare."""
 
-    # Path of the image relative to the folder, with forward slashes, without suffix, in composed Unicode
+    # Path of the image relative to the folder, with forward slashes and without suffix, in composed Unicode
     # (NFC).
     name: str
     pred: Path

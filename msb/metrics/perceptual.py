@@ -28,7 +28,7 @@ from msb.metrics.vgg import HEADS_SHA256, LAYERS, TAPS, check_extra, read_heads,
 MIN_SIDE = 16
 _SHIFT = (-0.030, -0.088, -0.188)
 _SCALE = (0.458, 0.448, 0.450)
-# Convolutions that follow a 2 x 2 max pooling layer.
+# Indices of the convolutions that follow a 2 x 2 max pooling layer.
 _POOLED = {5, 10, 17, 24}
 
 
@@ -135,7 +135,8 @@ class LpipsVgg:
             raise MetricError("METRIC_IMAGE", text)
         terms = []
         with torch.inference_mode():
-            # Pass both images through one layer at a time. Only two feature maps then need memory.
+            # Pass both images through one layer at a time. Therefore only two feature maps need memory at a
+            # time.
             x, y = (torch.from_numpy(_prepare_input(image)) for image in (a, b))
             heads = iter(self._heads)
             for number, weight, bias in self._layers:

@@ -34,7 +34,7 @@ RESERVED = frozenset(
     "boundary_edge_ratio nonmanifold_edge_ratio nonmanifold_vertex_ratio lcc_face_ratio lcc_area_ratio "
     "components".split()
 )
-# Field types that the metric of another package must have.
+# Required types of the fields in another package's metric.
 _FIELDS: dict[str, Any] = {
     "title": str,
     "unit": str,

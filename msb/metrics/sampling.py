@@ -20,7 +20,7 @@ _CANDIDATES = 1 << 20
 # Number of points in the first window of `thin`.
 _FIRST_WINDOW = 64
 # Maximum number of points in a window of `thin`, and maximum number of all their neighbours. A window with
-# only one point may have more neighbours.
+# only one point may exceed the limit on neighbours.
 _WINDOW = 1 << 16
 _NEIGHBORS = 1 << 22
 
@@ -98,7 +98,8 @@ def _place_grid_points(
 
     A position is the pair (c1, c2).
 
-    Candidates are numbered across all faces. A huge face is therefore split into several batches.
+    Candidates are numbered across all faces. A huge face can exceed a batch, so it is split into several
+    batches.
     """
     ends = np.cumsum(candidates)
     total = int(ends[-1]) if len(ends) else 0
@@ -113,11 +114,11 @@ def _place_grid_points(
 
 
 def thin(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
-    """Thin points (N, 3): for each remaining point in turn, remove all other points within `spacing`.
+    """Thin points (N, 3). For each remaining point in turn, remove all other points within `spacing`.
 
-    Shuffle the points before the call, because earlier points are kept first. Points at a distance of exactly
-    `spacing` are removed too. Neighbours are searched for one window of remaining points at a time, to limit
-    memory. Windows start small and grow, because in dense regions the first few points remove most other
+    Shuffle the points before the call, because the first of two close points is kept. Points at a distance of
+    exactly `spacing` are removed too. Neighbours are searched for one window of remaining points at a time,
+    to limit memory. Windows start small and grow. In dense regions, the first few points remove most other
     points.
     """
     from scipy.spatial import cKDTree

@@ -1,8 +1,8 @@
 """Temporal stability of the frames of a camera path: popping, shimmer and holes.
 
-Image content moves as the camera moves. Depths and cameras predict this motion. All other changes are
-measured. Triangles pop when their blending order changes, and an image shimmers if it has too few samples per
-pixel. Full definitions are in docs/protocol.md.
+Image content moves as the camera moves. Depths and cameras predict this motion. All other changes of the
+image are measured as flicker. Triangles pop when their blending order changes, and an image shimmers if it
+has too few samples per pixel. Full definitions are in docs/protocol.md.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ Mask = NDArray[np.bool_]
 # Standard deviation in pixels of the Gaussian that smooths images before comparison. After smoothing, cubic
 # splines between pixels are accurate to a fraction of 1/255.
 BLUR = 1.5
-# Radius in pixels of the influence of a neighbouring surface on a smoothed pixel.
+# Radius in pixels within which a neighbouring surface affects a smoothed pixel.
 REACH = 3
 # Maximum relative difference between the depths of one surface point in two frames.
 SAME = 0.02
@@ -79,10 +79,10 @@ def unexplained_change(before: PreparedFrame, here: PreparedFrame, after: Prepar
 
     Notes
     -----
-    For a steady change, such as a view-dependent colour, the difference is 0: the frame equals the average of
-    its neighbours. A pixel near a border shows two surfaces that move differently. Each pixel is therefore
-    followed with three depths: its own depth, and the nearest and farthest depth within `REACH`. The result
-    is the smallest difference.
+    For a steady change, such as a view-dependent colour, the difference is 0, because the frame equals the
+    average of its neighbours. A pixel near a border shows two surfaces that move differently. Each pixel is
+    therefore followed with three depths: its own depth, and the nearest and farthest depth within `REACH`.
+    The result is the smallest difference.
     """
     inverse, nearest, farthest = here.inverse_depths
     # Find the N pixels within `REACH` of the model, and whether each pixel is near a border between surfaces.
@@ -162,8 +162,7 @@ def _test_depths(
 def find_surface_points(frame: PreparedFrame) -> NDArray[np.float64]:
     """Return world points (N, 3) on the surfaces of a frame, away from their borders.
 
-    The result contains every second pixel of every second row. All pixels in between are filled by
-    `find_holes`.
+    The result contains every second pixel of every second row. `find_holes` fills the pixels in between.
     """
     inverse, nearest, farthest = frame.inverse_depths
     inner = (farthest > 0) & (nearest - farthest <= _FLAT * nearest)
@@ -198,6 +197,6 @@ def find_holes(frame: PreparedFrame, points: NDArray[np.float64]) -> Mask:
     sizes = np.bincount(regions.ravel(), minlength=count + 1)
     specks = (sizes <= (2 * REACH + 1) ** 2)[regions[1:-1, 1:-1]]
     dilated = maximum_filter(hit, 3, mode="constant", cval=False)
-    # Nothing is known about pixels beyond the image edge. Treat such pixels as not hit.
+    # Nothing is known about pixels beyond the image edge. Treat these pixels as not hit.
     around = minimum_filter(dilated, 5, mode="constant", cval=False)
     return np.asarray(~covered & (specks | around))

@@ -17,7 +17,7 @@ from msb.errors import MetricError
 
 _NUMBERS = (0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28)
 _CHANNELS = (3, *2 * (64,), *2 * (128,), *3 * (256,), *6 * (512,))
-# (N, in, out): number and channels of each 3 x 3 convolution features.N of the torchvision VGG16.
+# Shape (N, in, out) of each 3 x 3 convolution: number and channels of features.N in torchvision's VGG16.
 LAYERS = tuple(zip(_NUMBERS, _CHANNELS[:-1], _CHANNELS[1:], strict=True))
 # The number of channels of each compared layer: relu1_2, 2_2, 3_3, 4_3 and 5_3, all after their ReLU.
 TAPS = {2: 64, 7: 128, 14: 256, 21: 512, 28: 512}

@@ -196,7 +196,7 @@ def _latex_headings(table: Table) -> list[str]:
 
 
 def _latex_rows(table: Table, marks: dict[str, str]) -> list[str]:
-    """Return the lines of all rows. Labels that repeat the row above are left blank."""
+    """Return the lines of all rows. If a label repeats the label in the row above, it is left blank."""
     lines: list[str] = []
     width = len(table.heads) + len(table.columns)
     section = ""

@@ -21,17 +21,17 @@ from msb.scenes.poses import MAX_COORDINATE, look_at_pose
 _FOV_Y = math.radians(40)
 # Vertical field of view of cameras inside an asset, in radians.
 _FOV_INSIDE = math.radians(60)
-# Share of the faces to ignore at each end of an axis when the dense region is searched.
+# Fraction of the faces that the search for the dense region ignores at each end of an axis.
 _LEAST = 0.02
-# Largest number of faces that are examined. An asset with more faces is sampled. A surface of few faces may
-# then be missed.
+# Largest number of faces that are examined. An asset with more faces is sampled. The sample may miss a
+# surface of few faces.
 _SAMPLES = 200_000
 # If the ratio of two distances is larger, `is_surrounded` returns True. In tests, the ratio was 4 to 6 for
 # captures with a background, and 0.7 to 1.5 for objects and empty rooms.
 _SURROUNDED = 2.5
 # Distance of a turntable camera, relative to the distance of a camera whose image the bounding sphere fills.
 _MARGIN = 1.05
-# Largest aspect ratio of images of a box, and ratio between the size of the image and the size of the box.
+# Largest aspect ratio for images of a box. The second number is the ratio of image size to box size.
 _MAX_RATIO, _BOX_MARGIN = 2.0, 1.1
 # Default elevation of a turntable's cameras above the horizon, in degrees.
 ELEVATION = 20.0
@@ -48,9 +48,9 @@ def make_turntable(
 ) -> list[Camera]:
     """Return `count` turntable cameras around the asset, at `elevation` degrees above the horizon.
 
-    `up` is the axis of the turntable, such as "+y". The default is the asset's `up_axis`. Pass the visible
-    part as `framing`. The default is all faces except far outliers. Raise CAMERA_PATH if the asset is too
-    large or too far away for cameras.
+    `up` is the axis of the turntable, such as "+y". The default is the asset's `up_axis`. `framing` is the
+    visible part of the asset. The default is all faces except far outliers. Raise CAMERA_PATH if the asset is
+    too large or too far away for cameras.
     """
     sphere = framing or find_framing(asset)
     vector = _vector(up or up_axis(asset))
@@ -79,9 +79,9 @@ def make_rings(
     pixels: int,
     up: str | None = None,
 ) -> list[Camera]:
-    """Return rings of cameras. The framed box fills the image of each camera.
+    """Return rings of cameras. In each image, the framed box fills the frame.
 
-    `rings` lists the elevation in degrees and the number of cameras of each ring. Images have about `pixels`
+    `rings` lists the elevation in degrees and the number of cameras for each ring. Images have about `pixels`
     pixels and the aspect ratio of the box.
     """
     axis = up or up_axis(asset)
@@ -157,8 +157,8 @@ def place_inside(
     """Return cameras inside an asset, halfway between its middle and the surrounding faces.
 
     The cameras `outside` look at the framed part of the asset. For each camera in `outside`, the result has a
-    camera on the same side and with the same image size. Each inner camera looks through the middle to the
-    opposite side. If most of the asset is flat, the result is empty.
+    camera on the same side with an image of the same size. Each inner camera is placed on one side and looks
+    through the middle to the opposite side. If most of the asset is flat, the result is empty.
     """
     low, middle, high = bulk.low, bulk.middle, bulk.high
     if not (low < middle).all() or not (middle < high).all():
@@ -180,15 +180,15 @@ def place_inside(
 def is_surrounded(bulk: Bulk) -> bool:
     """Return whether a few large faces surround many small faces, like walls or hills in a capture.
 
-    Large surrounding faces affect the area-weighted median of the distance, but hardly the median over the
-    faces.
+    The area-weighted median distance depends on large surrounding faces. The median over the faces hardly
+    depends on them.
     """
     middles = bulk.corners.mean(axis=1)
     kept = ((bulk.low <= middles) & (middles <= bulk.high)).all(axis=1)
     sides = bulk.corners[kept, 1:] - bulk.corners[kept, :1]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     away = np.linalg.norm(middles[kept] - bulk.middle, axis=1)
-    # Compute the median distance from the middle, once weighted by area and once over the faces.
+    # Compute two median distances from the middle: weighted by area, and with equal weights for all faces.
     order = np.argsort(away)
     total = np.cumsum(area[order])
     if not total.size or not np.isfinite(total[-1]):

@@ -49,7 +49,8 @@ def find_model(folder: Path) -> Path | None:
 
 
 def list_models(folder: Path) -> list[Path]:
-    """Return the numbered models in the folder `sparse` of a scene, the one with the most images first."""
+    """Return the numbered models in the folder `sparse` of a scene. The model with the most images comes
+    first."""
     try:
         numbered = [child for child in (folder / "sparse").iterdir() if child.name.isascii()]
     except OSError:
@@ -62,7 +63,7 @@ def list_models(folder: Path) -> list[Path]:
 def count_images(model: Path) -> int:
     """Return the number of images of a model without reading the images.
 
-    For a missing or damaged file, the result is 0.
+    If a file is missing or damaged, the result is 0.
     """
     with contextlib.suppress(MsbError):
         for suffix, form in _FORMS.items():
@@ -147,7 +148,7 @@ def read_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDAr
 
 
 def _find_suffix(folder: Path, parts: tuple[str, ...]) -> str:
-    """Return the suffix of a format if the folder contains all files `parts` in this format."""
+    """If the folder contains all files `parts` in one format, return the suffix of this format."""
     for suffix in _FORMS:
         if all(is_file(folder / f"{part}{suffix}") for part in parts):
             return suffix

@@ -57,7 +57,7 @@ class _Cursor:
         return int(count)
 
     def take(self, layout: struct.Struct, what: str) -> tuple[Any, ...]:
-        """Return the values of a record with this layout and move past it."""
+        """Return the values of a record with this layout, and move the position to the end of the record."""
         start = self.skip(layout.size, what)
         return layout.unpack_from(self.source.data, start)
 
@@ -117,8 +117,8 @@ def read_shots(source: Source) -> Iterator[Shot]:
 def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """Return the positions and colours of points3D.bin.
 
-    Records of points differ in length because of their tracks. A first pass reads the lengths and stores the
-    start of each record. A second pass gathers the values in blocks.
+    The records of points have different lengths, because the lengths of their tracks differ. The first pass
+    reads the lengths and stores the start of each record. The second pass reads the values in blocks.
     """
     cursor = _Cursor(source)
     count = cursor.count("points", _POINT.size)
@@ -127,7 +127,7 @@ def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]
     xyz = np.zeros((count, 3))
     rgb = np.zeros((count, 3), dtype=np.uint8)
     columns = np.arange(8, 35)
-    # Gather bytes 8 to 34 of each record: three doubles and three bytes after the id.
+    # Read bytes 8 to 34 of each record: three doubles and three bytes after the id.
     for first in range(0, count, _POINTS_AT_A_TIME):
         part = slice(first, first + _POINTS_AT_A_TIME)
         rows = content[starts[part, None] + columns]

@@ -50,7 +50,7 @@ MODEL_NAMES = {model.number: name for name, model in MODELS.items()}
 def model_parameters(name: str | None, given: str) -> int:
     """Return the number of parameters of the camera model `name`.
 
-    Errors quote `given`, its spelling in the file.
+    `given` is the name in the file, which errors quote.
     """
     if name not in MODELS:
         text = (

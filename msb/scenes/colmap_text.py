@@ -16,9 +16,9 @@ from msb.errors import shorten
 from msb.scenes.colmap_models import MODELS, Lens, Shot, model_parameters
 from msb.scenes.source import Source
 
-# Longest accepted line in bytes. The line of an image with 100,000 2D points takes about 5 MB.
+# Longest accepted line in bytes. The line of an image with 100,000 2D points has about 5 MB.
 MAX_LINE = 1 << 24
-# Bytes of text that are split into lines in one step.
+# Number of bytes of text that are split into lines in one step.
 _BLOCK = 1 << 20
 _MOST_WORDS = 4 + max(model.parameters for model in MODELS.values())
 _INTEGER = re.compile(rb"[+-]?\d{1,18}")
@@ -70,7 +70,7 @@ def read_shots(source: Source) -> Iterator[Shot]:
 
 def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """Return the positions and colours of points3D.txt: ID X Y Z R G B ERROR TRACK..."""
-    values, places = array("d"), array("q")  # lists of Python numbers would take four times the memory
+    values, places = array("d"), array("q")  # lists of numbers would need four times the memory
     for line in filter(_Line.is_record, _lines(source)):
         words = line.text.split(None, 8)
         if len(words) < 8:

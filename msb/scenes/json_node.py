@@ -16,8 +16,8 @@ from msb.asset.strict_json import parse_strict_json
 from msb.errors import SceneError
 from msb.scenes.source import Source
 
-# Largest file in bytes: 16 MiB hold about 30,000 cameras and are parsed in seconds. The largest public
-# captures have some thousand cameras.
+# Largest file in bytes. A file of 16 MiB contains about 30,000 cameras, and is parsed in seconds. The largest
+# public captures have some thousand cameras.
 MAX_BYTES = 1 << 24
 
 
@@ -51,7 +51,7 @@ class Node:
         return self.source.error(code, text, pointer=self.pointer)
 
     def abbreviated(self) -> str:
-        """Return this value for a message: its text if the text is short, otherwise its kind."""
+        """Return this value as text for a message. A long text is replaced by its kind."""
         return describe(self.value)
 
     def wrong_type(self, wanted: str) -> SceneError:

@@ -45,8 +45,9 @@ def turntable(
     up : (3,) array_like
         The axis of the turntable, which is up in the images.
     count : int
-        Number of cameras, at equal angles, counter-clockwise seen from above. The first camera is in the
-        direction of the world axis that is most perpendicular to `up`. Among equal axes, x is preferred.
+        Number of cameras. They have equal angles and are counter-clockwise as seen from above. The first
+        camera is in the direction of the world axis that is closest to perpendicular to `up`. If several axes
+        are equally suitable, x is preferred.
     width, height : int
         Size of the images in pixels.
     fov_y : float
@@ -99,13 +100,13 @@ def unit_at(distance: float) -> float:
 def interpolate_cameras(cameras: Sequence[Camera], count: int, *, closed: bool = False) -> list[Camera]:
     """Return a smooth flight of `count` frames through two or more cameras, in the size of the first camera.
 
-    Each segment between two cameras takes the same time, whatever its length is. An open flight begins at the
-    first camera and ends at the last. A `closed` flight is a loop: after its last frame, the flight returns
-    to the first camera. The velocity and the angular velocity are continuous.
+    All segments between two cameras take the same time, whatever their length is. An open flight begins at
+    the first camera and ends at the last. A `closed` flight is a loop: after its last frame, the flight
+    returns to the first camera. The velocity and the angular velocity are continuous.
 
     Centres follow the uniform Catmull-Rom spline (E. Catmull and R. Rom, A class of local interpolating
-    splines, 1974). Beyond its ends, an open flight continues with reflected cameras. Rotations follow the
-    same spline of unit quaternions, with signs aligned and the result normalised. Between two cameras, the
+    splines, 1974). Beyond its ends, an open flight continues with mirrored cameras. Rotations follow the same
+    spline of unit quaternions, with signs aligned and the result normalised. Between two cameras, the
     rotation is spherical linear interpolation (slerp). Focal lengths and principal points are interpolated
     linearly, which cannot overshoot.
     """
@@ -141,7 +142,8 @@ def _check_frames(count: int) -> None:
 
 
 def _spline_keys(keys: NDArray[np.float64], segment: int, closed: bool) -> NDArray[np.float64]:
-    """Return four keys (4, D) of the spline: the key before `segment`, its two ends, and the key after it."""
+    """Return four keys (4, D) of the spline: the key before `segment`, the two ends of `segment`, and the key
+    after `segment`."""
     if closed:
         return keys[np.arange(segment - 1, segment + 3) % len(keys)]
     before = keys[segment - 1] if segment else 2 * keys[0] - keys[1]
@@ -150,10 +152,10 @@ def _spline_keys(keys: NDArray[np.float64], segment: int, closed: bool) -> NDArr
 
 
 def _align_signs(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return quaternions with signs such that neighbouring quaternions have a non-negative dot product.
+    """Return quaternions whose signs give neighbours a non-negative dot product.
 
-    A quaternion and its negative are the same rotation. Aligned signs make interpolation take the shorter
-    way.
+    A quaternion and its negative are the same rotation. With aligned signs, the interpolation takes the
+    shorter way.
     """
     rows = quaternions.copy()
     for before, row in itertools.pairwise(rows):
@@ -163,7 +165,7 @@ def _align_signs(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _catmull_rom(keys: NDArray[np.float64], at: float) -> NDArray[np.float64]:
-    """Return the value (D,) of a Catmull-Rom spline between keys[1] (`at` 0) and keys[2] (`at` 1)."""
+    """Return the value (D,) of a Catmull-Rom spline. `at` runs from 0 at keys[1] to 1 at keys[2]."""
     cube, square = at**3, at**2
     weights = np.array(
         [

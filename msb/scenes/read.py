@@ -12,7 +12,7 @@ from msb.scenes.json_node import read_json
 from msb.scenes.sets import check_set
 from msb.scenes.source import Source
 
-# Groups of files with cameras. In a folder, only the first existing group is read.
+# Groups of file names that contain cameras. In a folder, only the first existing group is read.
 _IN_FOLDERS = (
     ("transforms_train.json", "transforms_test.json"),
     ("transforms.json",),
@@ -30,7 +30,8 @@ def read_cameras(path: str | os.PathLike[str]) -> list[Camera]:
         A JSON file, recognised by its content: transforms_*.json (NeRF-Synthetic, instant-ngp, nerfstudio),
         cameras.json (3DGS family) or views.json. In a folder, the first existing source is read: a COLMAP
         model, transforms_train.json with transforms_test.json, transforms.json, cameras.json or views.json. A
-        COLMAP model may be in the folder itself, in `sparse/0` or in `sparse`, and .bin is preferred to .txt.
+        COLMAP model may be in the folder itself, in `sparse/0` or in `sparse`. The suffix .bin is preferred
+        to .txt.
 
     Returns
     -------

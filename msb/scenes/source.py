@@ -34,9 +34,9 @@ class Source:
 
     @contextlib.contextmanager
     def locating(self, pointer: str | None, what: str = "") -> Iterator[None]:
-        """Add the path of this file, `pointer` and `what` to errors without a file.
+        """If an error names no file, add the path of this file, `pointer` and `what`.
 
-        For example, `Camera` raises errors without a file.
+        For example, errors of the class `Camera` name no file.
         """
         try:
             yield

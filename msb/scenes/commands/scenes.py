@@ -1,4 +1,4 @@
-"""`msb scenes`: list the scenes found in folders, and how they would be evaluated."""
+"""`msb scenes`: list the scenes found in folders, and describe how they would be evaluated."""
 
 import contextlib
 import math
@@ -242,7 +242,7 @@ def _describe(scene: Scene) -> list[tuple[str, str]]:
 def _list_deviations(report: SceneReport) -> list[tuple[str, str]]:
     """Return table rows that describe how the official code of each method reads the scene.
 
-    Methods with equal differences share a row.
+    Methods with equal differences are listed in one row.
     """
     grouped: dict[tuple[str, ...], list[str]] = {}
     for name, texts in report.deviations.items():

@@ -1,4 +1,5 @@
-"""Describe a scene's folder: its content, the files that are used, and deviations of official code."""
+"""Describe a scene's folder: its content, its used files, and the deviations of official code from our
+rules."""
 
 import contextlib
 from dataclasses import asdict, dataclass
@@ -235,7 +236,8 @@ def _list_unused(
 
 
 def _list_deviations(root: Path, ours: Scene, options: dict[str, Any]) -> dict[str, tuple[str, ...]]:
-    """Return the differences between each method's official code and our rules in reading the scene."""
+    """For each method, return the differences between our rules and the official code in reading the
+    scene."""
     given = {key: value for key, value in options.items() if key == "dataset"}
     deviations: dict[str, tuple[str, ...]] = {}
     for name in RULES:
@@ -249,7 +251,7 @@ def _list_deviations(root: Path, ours: Scene, options: dict[str, Any]) -> dict[s
 
 
 def _explain_failure(error: MsbError, dataset: str) -> str:
-    """Return a short reason why a method's official code rejects a scene that our rules accept."""
+    """Return a short reason why the official code of a method rejects a scene that our rules accept."""
     if error.code == "SCENE_UNKNOWN":
         return f"no rule for {dataset}"
     if error.code == "SCENE_IMAGE_MISSING":
@@ -258,7 +260,8 @@ def _explain_failure(error: MsbError, dataset: str) -> str:
 
 
 def _list_differences(ours: Scene, theirs: Scene) -> list[str]:
-    """Return short descriptions of the differences between a scene read by our rules and by other rules."""
+    """Return short descriptions of the differences between a scene read by our rules and the scene read by
+    other rules."""
     first, second = ours.test[0], theirs.test[0]
     differences = []
     our_size, size = (f"{view.width} x {view.height}" for view in (first, second))

@@ -81,7 +81,7 @@ def _children(folder: Path) -> list[Path]:
 def read_views(root: Path, layout: Layout, rules: Rules, image_folder: str) -> list[Camera]:
     """Return the recorded cameras of the scene at `root`.
 
-    Only cameras of the layout "blender" have a split.
+    Only cameras of the layout "blender" have a split into training and test views.
     """
     if layout == "blender":
         return _read_blender(root)

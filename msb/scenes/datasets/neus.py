@@ -19,7 +19,7 @@ from msb.scenes.image_size import image_size
 from msb.scenes.source import Source
 
 MATRICES = "cameras.npz"
-# Largest accepted size in bytes of the file of a 4 x 4 matrix. Real files have a few hundred bytes. Checked
+# Maximum size in bytes of a file that contains a 4 x 4 matrix. Real files have a few hundred bytes. Checked
 # before decompression.
 _MAX_MEMBER = 4096
 # Largest number of views that are read. DTU has 49 or 64 views.
@@ -78,11 +78,11 @@ def _numbers(stream: io.BytesIO) -> NDArray[np.float64] | None:
 
 
 def read_neus(path: Path, images: Sequence[Path]) -> list[Camera]:
-    """Return a camera for each image. The images, sorted by name, have the order of the matrices.
+    """Return a camera for each image. The images are sorted by name. The matrices have the same order.
 
-    The cameras are in the normalised frame. K and [R | t] come from the RQ decomposition (world_mat_i
-    scale_mat_i)[:3] = K [R | t]. The diagonal of K is positive, and K is divided by K[2, 2]. The skew K[0, 1]
-    of DTU's cameras is a few tenths of a pixel. The skew is dropped because the camera class has no skew.
+    The cameras are in the normalised frame. The RQ decomposition (world_mat_i scale_mat_i)[:3] = K [R | t]
+    gives K and [R | t]. The diagonal of K is positive, and K is divided by K[2, 2]. The skew K[0, 1] of DTU's
+    cameras is a few tenths of a pixel. The camera class has no skew, so the skew is dropped.
     """
     world, scale = read_matrices(path)
     source = Source(path, b"")

@@ -46,8 +46,9 @@ def split_views(
 
     Without a recorded split, every 8th view is a test view.
 
-    `by_name` sorts views by their full names instead of their stems. A benchmark dataset (`is_benchmark`)
-    without transforms_train.json uses every 8th view as a test view.
+    If `by_name` is true, views are sorted by their full names. Otherwise they are sorted by their names
+    without folder and suffix. A benchmark dataset without transforms_train.json (`is_benchmark`) uses every
+    8th view as a test view.
     """
     notes: list[Finding] = []
     recorded = None if is_benchmark and layout != "blender" else _read_split(root, layout, views, notes)
@@ -106,7 +107,8 @@ def _read_split(
 
 
 class _NameTable:
-    """Finds a view by its full name. A short name without folders or suffix is accepted if it is unique."""
+    """Finds a view by its full name. A short name, without folders or suffix, is accepted if it identifies a
+    single view."""
 
     def __init__(self, views: Iterable[Camera]) -> None:
         self._names: dict[str, set[str]] = {}
@@ -122,7 +124,8 @@ class _NameTable:
 
 
 def _spellings(name: str) -> list[str]:
-    """Return the name and its shorter forms: without first folder, without folders, without suffix."""
+    """Return the name and its shorter forms: without the first folder, without folders, and without
+    suffix."""
     path = PurePosixPath(name)
     paths = [path, PurePosixPath(*path.parts[1:]) if len(path.parts) > 1 else path, PurePosixPath(path.name)]
     return [str(part) for part in (*paths, *(part.with_suffix("") for part in paths if part.name))]
