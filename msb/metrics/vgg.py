@@ -72,9 +72,9 @@ def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
 
     The file is a state dict of the torchvision VGG16 written by torch.save, or an .npz with the same keys.
     Other keys of the file (classifier.*) are ignored. Loading does not execute code from the file. Weights
-    are features.N.weight (out, in, 3, 3) and features.N.bias (out,), float32. The record contains the name of
-    the file, "sha256" of the file, "tensors_sha256" of the values (independent of the file format), and the
-    name "known" of published weights.
+    are features.N.weight (out, in, 3, 3) and features.N.bias (out,), float32. The record contains the file
+    name and the name "known" of published weights. It also contains the hashes "sha256" of the file and
+    "tensors_sha256" of the values, which is independent of the file format.
     """
     place = regular_file(path)
     shapes: dict[str, tuple[int, ...]] = {f"features.{n}.weight": (o, i, 3, 3) for n, i, o in LAYERS}
@@ -85,7 +85,7 @@ def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
         weights = {key: _check_tensor(place, tensors, key, shape) for key, shape in shapes.items()}
     except MetricError:
         raise
-    except Exception as error:  # readers raise various exceptions for foreign files
+    except Exception as error:  # readers of weights raise various exceptions for files of other formats
         text = f"it cannot be read: {library_reason(error)}"
         raise MetricError("METRIC_WEIGHTS", text, file=place) from error
     digest = hashlib.sha256()

@@ -31,7 +31,7 @@ _SAMPLES = 200_000
 _SURROUNDED = 2.5
 # Distance of a turntable camera, relative to the distance of a camera whose image the bounding sphere fills.
 _MARGIN = 1.05
-# Largest aspect ratio for images of a box. The second number is the ratio of image size to box size.
+# Largest aspect ratio for images of a box, and the image size divided by the box size.
 _MAX_RATIO, _BOX_MARGIN = 2.0, 1.1
 # Default elevation of a turntable's cameras above the horizon, in degrees.
 ELEVATION = 20.0
@@ -79,7 +79,7 @@ def make_rings(
     pixels: int,
     up: str | None = None,
 ) -> list[Camera]:
-    """Return rings of cameras. In each image, the framed box fills the frame.
+    """Return rings of cameras. The framed box fills each image.
 
     `rings` lists the elevation in degrees and the number of cameras for each ring. Images have about `pixels`
     pixels and the aspect ratio of the box.

@@ -28,8 +28,8 @@ def why(
     save: Annotated[
         Path | None,
         Option(
-            "Write an image for each cause into FOLDER: the left half is without the cause, the right half "
-            "with the cause.",
+            "Write an image for each cause into FOLDER. The left half shows the asset without this cause of "
+            "quality loss, the right half with the cause.",
             metavar="FOLDER",
             output="own",
         ),
@@ -41,8 +41,8 @@ def why(
 
     The asset is rendered with and without each cause. All other settings stay unchanged. Differences are
     clearly visible below 30 dB and invisible above 40 dB. The last lines compare the standard-tier mesh with
-    the native rendering. This comparison with the native rendering measures the loss of all causes together.
-    The report also separates the loss that engine settings can avoid from the loss that needs a bake. Without
+    the native rendering. This comparison measures the loss of all causes together. The report also separates
+    two parts of the loss. Engine settings avoid the first part, and a bake avoids the second part. Without
     --cameras the training cameras beside the asset are used. If the asset has no training cameras, cameras
     around the asset are used.
     """
@@ -89,7 +89,8 @@ def why(
 def _save_images(causes: list[Cause], folder: Path, *, overwrite: bool) -> None:
     """Write an image for each cause.
 
-    The left half of the image is without the cause, the right half with the cause.
+    The left half of the image shows the asset without this cause of quality loss, and the right half with the
+    cause.
     """
     import numpy as np
 

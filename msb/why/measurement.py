@@ -1,4 +1,5 @@
-"""Measure the causes of a loss of image quality on an asset: each cause alone, and all causes together."""
+"""Measure the causes of a loss of image quality on an asset. Each cause is measured alone, then all causes
+are measured together."""
 
 from __future__ import annotations
 
@@ -43,7 +44,7 @@ class Cause:
     how_to_see : str
         How to recognise the cause in a program.
     remedy : str
-        How to avoid it.
+        How to avoid the cause.
     without, with_it : (H, W, 3) float32 or None
         The images without and with the cause, in the view with the largest difference.
     """
@@ -114,8 +115,8 @@ def why(
     -------
     list of Cause
         One entry for each of `CAUSES`, including causes that do not apply. If no camera sees the asset, no
-        cause applies. The list's attribute `total` contains the loss of the standard-tier mesh, and `views`
-        the `cameras` that see the asset.
+        cause applies. The list's attribute `total` contains the loss of the standard-tier mesh. The attribute
+        `views` contains the `cameras` that see the asset.
 
     Raises
     ------

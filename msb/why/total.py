@@ -10,7 +10,7 @@ from msb.why.causes import BAKED, apply_light, interpret_as_linear
 from msb.why.views import EQUAL, CauseViews, DoesNotApplyError
 
 TITLE = "Standard-tier mesh with every engine setting right (unlit, two-sided, colours unchanged)"
-# A cause with a higher PSNR in dB is invisible and does not explain the remaining loss.
+# A cause whose PSNR in dB is higher is invisible, and does not explain the remaining loss.
 _VISIBLE = 40.0
 
 
@@ -35,7 +35,7 @@ class Total:
         The native rendering of the model without view-dependent colours, transparency and soft edges, which
         no opaque mesh can show. Only a bake can avoid this loss.
     bakes : tuple of str
-        Names of the visible causes of the loss `baked`, the largest loss first.
+        Names of the visible causes of the loss `baked`. The largest loss comes first.
     """
 
     db: float | None

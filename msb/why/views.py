@@ -28,7 +28,7 @@ Image = NDArray[np.float32]
 
 # PSNR in dB above which images differ only by rounding and are reported as equal.
 EQUAL = 90.0
-# Settings of native renderers that determine the number of samples per pixel along each axis.
+# For each native renderer, the setting for the number of samples per pixel along each axis.
 _SAMPLING_SETTINGS = ("supersample", "render_up_scale")
 
 
@@ -43,8 +43,8 @@ class _StandardImages(NamedTuple):
     frames: list[Frame]
     # Without back faces.
     culled: list[Frame]
-    # Images with the samples per pixel of the native renderer. Without a native renderer, an image has 16
-    # samples per pixel.
+    # Images with the samples per pixel of the native renderer. If the method has no native renderer, an image
+    # has 16 samples per pixel.
     supersampled: list[Image]
 
 
@@ -56,8 +56,8 @@ class CauseViews:
     chosen : msb.views.ChosenViews
         The cameras that see the asset.
     samples : dict
-        The samples per pixel along each axis, by the name of the native renderer's setting. If the renderer
-        takes one sample per pixel, `samples` is empty.
+        The number of samples per pixel along each axis. The key is the name of the native renderer's setting.
+        If the native renderer takes one sample per pixel, `samples` is empty.
     """
 
     def __init__(

@@ -17,9 +17,9 @@ from msb_viewers.sheet import Panel, list_panel
 
 # Minimum distance by which a fan is moved. The unit is the radius of the faces at the vertex.
 _APART = 0.6
-# Length of the arc for each fan on the circle. The unit is the radius of the faces at the vertex.
+# Length of the arc on the circle that each fan needs. The unit is the radius of the faces at the vertex.
 _ROOM = 0.9
-# Maximum number of fans that are drawn. More fans would overlap in the drawing; the text counts all fans.
+# Maximum number of fans that are drawn. The drawings of more fans would overlap. The text counts all fans.
 _MOST_FANS = 12
 # Maximum number of lines of text.
 _MOST_LINES = 8
@@ -27,7 +27,7 @@ _MOST_LINES = 8
 
 @dataclass(frozen=True, eq=False)
 class Fan:
-    """A fan: its faces (n,), and the positions of these faces in the drawing.
+    """A fan of faces around a vertex: its faces (n,), and the positions of these faces in the drawing.
 
     `triangles` (n, 3, 3) are relative to the vertex and moved by `offset`. The unit is the radius of the
     faces at the vertex. `boundary` (k, 2, 3) contains the edges at the vertex with one face. `crowded` (k, 2,
@@ -67,7 +67,7 @@ class Neighbourhood:
         return f"non-manifold: {self.fan_count} fans ({', '.join(kinds)})"
 
     def lines(self) -> list[str]:
-        """Return one line of text for each drawn fan, and a last line with the number of hidden fans."""
+        """Return one line of text for each drawn fan. The last line contains the number of hidden fans."""
         texts = [
             f"fan {fan.number}: {_plural(len(fan.faces), 'face')}, {'closed' if fan.closed else 'open'}"
             for fan in self.fans
@@ -77,14 +77,14 @@ class Neighbourhood:
 
 
 def find_neighbourhood(model: ViewModel, vertex: int) -> Neighbourhood:
-    """Return the fans at `vertex`, each moved away from the vertex. O(F) time."""
-    # Valid faces (n,) with a corner at the vertex, and the fan of each face.
+    """Return the fans of faces around `vertex`. Each fan is moved away from the vertex. O(F) time."""
+    # Find the valid faces (n,) with a corner at the vertex, and the fan of each face.
     analysis, faces = model.analysis, model.faces
     rows, corners = np.nonzero(faces == vertex)
     fan_of = analysis.fans.corner_fan[3 * rows + corners]
     proper = (fan_of >= 0) & model.drawn[rows]
     rows, corners, fan_of = rows[proper], corners[proper], fan_of[proper]
-    # The corners (n, 3, 3) of these faces relative to the vertex, scaled to radius 1.
+    # Compute the corners (n, 3, 3) of these faces relative to the vertex, scaled to radius 1.
     center = model.points[vertex].astype(np.float64)
     triangles = model.points[faces[rows]].astype(np.float64) - center
     radius = float(np.linalg.norm(triangles, axis=2).max(initial=0.0)) or 1.0
@@ -117,16 +117,16 @@ def _fan(
     triangles: NDArray[np.float64],
     offset: NDArray[np.float64],
 ) -> Fan:
-    """Return a fan of the faces `rows` (n,); `corners` (n,) tells which corner of each face is at the
-    vertex."""
-    # The two half-edges of each face at the vertex, and the vertices at their other ends.
+    """Return a fan that consists of the faces `rows` (n,). `corners` (n,) is the index of the corner at the
+    vertex for each face."""
+    # For each face, find its two half-edges at the vertex, and the vertices at their other ends.
     leaving, coming = 3 * rows + corners, 3 * rows + (corners + 2) % 3
     faces_at_edge = model.analysis.mesh.multiplicity
     edge = model.analysis.mesh.edge
     index = np.arange(len(rows))
     far = np.concatenate([triangles[index, (corners + 1) % 3], triangles[index, (corners + 2) % 3]])
     number_of = np.concatenate([edge[leaving], edge[coming]])
-    # The distinct edges at the vertex, with their number of faces.
+    # Find the distinct edges at the vertex, and count the faces of each edge.
     _, once = np.unique(number_of, return_index=True)
     count = faces_at_edge[number_of[once]]
     spokes = np.stack([np.zeros((len(once), 3)), far[once]], axis=1) + offset
@@ -153,21 +153,21 @@ def _spread(directions: NDArray[np.float64]) -> NDArray[np.float64]:
     place = np.zeros(count)
     place[np.argsort(angle, kind="stable")] = np.arange(count)
     even = 2 * np.pi * place / count
-    # Rotate all angles so that the fans move as little as possible.
+    # Rotate all angles by the same amount, so that the fans move as little as possible.
     even += float(np.angle(np.exp(1j * (angle - even)).mean()))
     radius = max(_APART, _ROOM * count / (2 * np.pi))
     return radius * np.stack([np.cos(even), np.sin(even)], axis=1)
 
 
 def _frame(triangles: NDArray[np.float64], part: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the axes (3, 3) of a view that shows all fans well. The rows point right, up and towards the
-    camera.
+    """Return the axes (3, 3) of a view in which all fans are well visible. The rows point right, up and
+    towards the camera.
 
-    `part` (n,) is the fan of each of the `triangles` (n, 3, 3).
+    `part` (n,) is the index of the fan for each triangle in `triangles` (n, 3, 3).
     """
     if len(triangles) == 0:
         return np.eye(3)
-    # Visible fraction of each fan's area, projected along 128 directions.
+    # Compute the visible fraction of each fan's area, projected along 128 directions.
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     directions = sphere(128)
     seen = np.zeros((part.max() + 1, len(directions)))
@@ -176,7 +176,7 @@ def _frame(triangles: NDArray[np.float64], part: NDArray[Any]) -> NDArray[np.flo
     share = seen[whole > 0] / whole[whole > 0, None]
     if len(share) == 0:
         return np.eye(3)
-    # Maximise the worst visibility of a fan first, then the average of all fans.
+    # First maximise the visibility of the least visible fan, then the average visibility of all fans.
     forward = directions[int(np.argmax(share.min(axis=0) + 0.1 * share.mean(axis=0)))]
     right = np.cross(np.eye(3)[int(np.argmin(np.abs(forward)))], forward)
     right /= np.linalg.norm(right)
@@ -202,7 +202,7 @@ class Inset:
         self.panel: Panel | None = None
 
     def show(self, model: ViewModel, vertex: int | None, scale: float) -> str:
-        """Show the fans of a vertex, or nothing for None; return the message for the status line."""
+        """Show the fans at a vertex, or nothing for None. Return the message for the status line."""
         self.renderer.RemoveAllViewProps()
         self.renderer.SetDraw(vertex is not None)
         if vertex is None:
@@ -223,7 +223,7 @@ class Inset:
         return f"Vertex {row}: {around.verdict}"
 
     def _set_camera(self, around: Neighbourhood) -> None:
-        """Point the camera at all fans, along the third axis of the neighbourhood's frame."""
+        """Point the camera at all fans, along the third axis of the view."""
         parts = [fan.triangles.reshape(-1, 3) for fan in around.fans]
         points = np.concatenate(parts) if parts else np.zeros((1, 3))
         frame = around.frame

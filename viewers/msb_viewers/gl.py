@@ -1,4 +1,4 @@
-"""Check in a child process whether VTK can draw, because VTK ends the process without OpenGL."""
+"""Check in a child process whether VTK can draw. If OpenGL is missing, VTK ends the process."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ NO_GL = (
 NO_DISPLAY = (
     "a window needs a display; without one use msb view --screenshot FILE.png or msb view --html FILE.html"
 )
-# Time limit in seconds. Software OpenGL on a busy machine takes a few seconds, and a driver can hang.
+# Time limit in seconds. On a busy machine, software OpenGL needs a few seconds. A driver can also stop
+# responding.
 _SECONDS = 60
 
 

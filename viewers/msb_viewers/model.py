@@ -14,7 +14,8 @@ from msb_viewers.palette import NEUTRAL, SIZE_CLASSES, STYLES, Style
 from msb_viewers.viewed_mesh import Colors, Skin, ViewedMesh, find_seam_edges
 
 SOUP_NOTE = (
-    "Triangle soup: the triangles share no vertices, so every edge is a boundary edge and none is drawn."
+    "Triangle soup: the triangles share no vertices, so every edge is a boundary edge. Boundary edges are "
+    "not drawn."
 )
 CLEAN_NOTE = "No defects: closed, manifold, consistently wound."
 EMPTY_NOTE = "The mesh has no faces to draw."
@@ -27,18 +28,20 @@ _WORST_FIRST = (
     "multifan_vertices",
     "boundary_edges",
 )
-# Maximum total number of elements that are visible at first. With more elements the view is hard to read.
+# Maximum number of elements that are visible at first, over all layers. With more elements the view is hard
+# to read.
 _VISIBLE_AT_FIRST = 12_000
 # Number of vertices that are sampled for the first view.
 _FRAMING_SAMPLE = 100_000
-# Ratio of the radii of two spheres: a sphere around all vertices, and a sphere around 95 % of the vertices.
-# Above this ratio, the first view leaves out distant vertices.
+# Maximum ratio of the radii of two spheres. The first sphere contains all vertices, and the second sphere 95
+# % of the vertices. If the ratio is larger, the first view leaves out distant vertices.
 _FAR_OUT = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """The elements of one kind: their indices in the audit (n,), and their vertices (n, 1 | 2 | 3), integers.
+    """The elements of one kind. The arrays contain their indices in the audit (n,) and their vertices (n, 1 |
+    2 | 3), both integers.
 
     Edges are indexed in the order of their vertex pairs.
     """
@@ -67,9 +70,10 @@ class ViewModel:
 
     `points` (V, 3) are in view units. The stored position is ``center + scale * point``, and the first view
     shows the unit sphere. float32 is then precise enough for georeferenced meshes, and cannot overflow. A
-    vertex that is not `drawable` is at the origin, and no face in `drawn` uses it. `face_component` (F,) is
-    0 in the largest component, and -1 for faces that list a vertex twice. `sizes` are the numbers of faces
-    of the components in descending order. `layers` maps kinds to layers, in the order of the legend.
+    vertex is not `drawable` if its coordinates are not finite. Such a vertex is placed at the origin, and no
+    face in `drawn` uses it. `face_component` (F,) is 0 in the largest component, and -1 for faces that list a
+    vertex twice. `sizes` are the numbers of faces of the components in descending order. `layers` maps kinds
+    to layers, in the order of the legend.
     """
 
     name: str
@@ -93,16 +97,16 @@ class ViewModel:
 
     @property
     def soup(self) -> bool:
-        """Whether there are at least two faces, and no two of them share a vertex."""
+        """Whether the mesh has at least two faces and no two faces share a vertex."""
         return self.audit.judged.topology == "triangle_soup" and len(self.faces) > 1
 
     def row_in_file(self, vertex: int) -> int:
-        """Return the number of a vertex in the file. A vertex that was merged at seams has several numbers;
-        the function returns the first of these numbers."""
+        """Return the index of a vertex in the file. A vertex that was merged at seams has several indices.
+        The function returns its first index."""
         return vertex if self.seams is None else int(self.seams.first[vertex])
 
     def vertex_of_row(self, row: int) -> int | None:
-        """Return the vertex that is stored in a row of the file, or None if the file has no such row."""
+        """Return the vertex that is stored in a row of the file. If the file has no such row, return None."""
         rows = np.arange(len(self.points)) if self.seams is None else self.seams.number
         return int(rows[row]) if row < len(rows) else None
 
@@ -166,15 +170,17 @@ class ViewModel:
         )
 
     def _class_of_components(self) -> NDArray[np.uint8]:
-        """Return a number for each component: 0 for the largest, otherwise 1 + its index in SIZE_CLASSES."""
+        """Return a class index for each component: 0 for the largest component, otherwise 1 + its index in
+        SIZE_CLASSES."""
         lows = np.array([low for low, _, _ in SIZE_CLASSES])
         classes = np.searchsorted(lows, self.sizes, "right").astype(np.uint8)
         classes[:1] = 0
         return classes
 
     def size_class_of_faces(self) -> NDArray[np.uint8]:
-        """Return the number of the size class of each face (F,), numbered as in `_class_of_components`."""
-        # Faces that list a vertex twice have component -1, which selects the last entry. They are invisible.
+        """Return the index of the size class for each face (F,), as in `_class_of_components`."""
+        # Faces that list a vertex twice have the component -1, which selects the last entry. They are
+        # invisible.
         return np.asarray(np.append(self._class_of_components(), np.uint8(0))[self.face_component])
 
     def component_colors(self) -> NDArray[np.uint8]:
@@ -186,7 +192,7 @@ class ViewModel:
     def size_classes(self) -> list[SizeClass]:
         """Return the size classes of all components except the largest, in ascending order.
 
-        Empty classes are omitted.
+        Empty size classes are omitted.
         """
         of_component = self._class_of_components()
         classes = []
@@ -265,7 +271,8 @@ def _layers(analysis: Analysis, groups: dict[str, Any]) -> dict[str, Layer]:
 def frame_vertices(
     vertices: NDArray[Any], use: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], float, str | None]:
-    """Return centre and radius of the sphere of the first view, and a note if some vertices are outside.
+    """Return the centre and the radius of the sphere that the first view shows. If some vertices are outside,
+    also return a note.
 
     The sphere is computed from the `vertices` (V, 3) for which `use` (V,) is true. Usually the sphere is
     centred in the bounding box of these vertices and contains all of them. A few distant vertices, such as an

@@ -32,7 +32,7 @@ _SMALLEST, _LARGEST = 0.62, 2.0
 class Panel:
     """An image (H, W, 4), and the actions of clicks on the image.
 
-    `targets` are ranges of pixel rows (from, to) with an action: a layer, "components" or "help".
+    `targets` are ranges of pixel rows (from, to), each with an action: a layer, "components" or "help".
     """
 
     image: NDArray[np.uint8]
@@ -41,7 +41,7 @@ class Panel:
     def hit(self, x: float, y: float) -> str | None:
         """Return the action at x, y pixels from the top left corner.
 
-        The result is "" at a position without an action, and None outside the panel.
+        At a position without an action the result is "", and outside the panel it is None.
         """
         height, width = self.image.shape[:2]
         if not (0 <= x < width and 0 <= y < height):
@@ -184,9 +184,9 @@ def list_panel(title: str, text: str, lines: list[tuple[str, Color | None]], sca
 
 
 def draw_panel(write: Callable[[Sheet], None], width: float, scale: float) -> Panel:
-    """Return the panel that `write` draws; `width` is in pixels at scale 1.
+    """Return the panel that the function `write` draws. `width` is in pixels at scale 1.
 
-    The height of the panel follows from the text.
+    The height of the panel depends on the text.
     """
     trial = Sheet(round(width * scale), 4, scale)
     write(trial)

@@ -46,11 +46,12 @@ class ViewState:
     model: ViewModel
     # Kinds of the visible layers.
     visible: set[str] = field(default_factory=set)
-    # The layer in which the keys N and P step, and the last selected element of each layer.
+    # The active layer, and the last selected element of each layer. The keys N and P step through the active
+    # layer.
     active: str = "nonmanifold_edges"
     cursor: dict[str, int] = field(default_factory=dict)
     coloring: Coloring = "own"
-    # The only component that is drawn; 0 is the largest component, and None draws all.
+    # The only component that is drawn. The value 0 is the largest component, and None draws all components.
     component: int | None = None
     # The selected element: a kind, and an index in its layer.
     element: tuple[str, int] | None = None
@@ -171,7 +172,7 @@ class ViewState:
         self.message = self.describe(kind, place)
 
     def choose_vertex(self, vertex: int | None) -> None:
-        """Select a vertex for the fan inspector, or no vertex."""
+        """Select a vertex for the fan inspector. None selects no vertex."""
         self.vertex, self.element = vertex, None
         if vertex is None:
             self.message = "No face at this point"
@@ -224,7 +225,8 @@ class ViewState:
         return int(at.min()) if len(at) else None
 
     def isolate_selection(self) -> None:
-        """Show only the component of the selection; without a selection, show only the largest component.
+        """Show only the component of the selected element. If nothing is selected, show only the largest
+        component.
 
         If a component is already isolated, show all components again.
         """
@@ -241,7 +243,7 @@ class ViewState:
         self.isolate(component)
 
     def isolate(self, component: int | None) -> None:
-        """Show only one component; 0 is the largest component, and None shows all."""
+        """Show only one component. The value 0 is the largest component, and None shows all components."""
         if component is None or not 0 <= component < len(self.model.sizes):
             self.component, self.message = None, "This component does not exist"
             return
@@ -277,7 +279,7 @@ def parse_kinds(model: ViewModel, texts: Iterable[str]) -> set[str]:
 
 
 def parse_element(model: ViewModel, text: str) -> tuple[str, int]:
-    """Return kind and index of "KIND:N", the N-th element of a layer, counted from 1."""
+    """Return the kind and the index of "KIND:N", the N-th element of a layer. N starts at 1."""
     kind, _, number = text.partition(":")
     if kind not in model.layers:
         known = ", ".join(model.layers)

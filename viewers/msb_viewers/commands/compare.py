@@ -38,7 +38,7 @@ class CompareOptions:
     image_folder: Annotated[
         Path | None,
         Option(
-            "Folder of the photographs: its name in the scene, e.g. images_2, or any path. Default: the "
+            "Folder of the photographs: its name in the scene, such as images_2, or any path. Default: the "
             "folder of the dataset, otherwise the folder with the largest images.",
             ("--image-folder", "--images"),
             metavar="NAME|FOLDER",
@@ -50,7 +50,7 @@ class CompareOptions:
     ] = None
     layout: Annotated[
         Literal["side", "wipe", "difference"],
-        Option("Layout of the image, and the layout that the page shows first."),
+        Option("Layout of the image. This is also the first layout of the page."),
     ] = "side"
     tiers: Annotated[
         tuple[str, ...],

@@ -39,12 +39,12 @@ class Composition:
 
 
 def compose(state: CompareState, shots: Mapping[str, Shot], size: tuple[int, int]) -> Composition:
-    """Return an image of `size` pixels with the shots (images of tiers) of one view."""
+    """Return an image of `size` pixels with the images of all tiers (shots) for one view."""
     return _Composer(state, shots, Canvas(size, text_scale(size))).draw()
 
 
 def decibels(a: Shot | None, b: Shot | None) -> float | None:
-    """Return the PSNR of two shots in dB, or None if an image is missing or the sizes differ."""
+    """Return the PSNR of two images in dB. If an image is missing or the sizes differ, return None."""
     if a is None or b is None or a is b or a.image is None or b.image is None:
         return None
     return psnr(a.image, b.image) if a.image.shape == b.image.shape else None
@@ -52,7 +52,7 @@ def decibels(a: Shot | None, b: Shot | None) -> float | None:
 
 @dataclass(eq=False)
 class _Composer:
-    """A composition while it is drawn."""
+    """A composed image while it is drawn."""
 
     state: CompareState
     shots: Mapping[str, Shot]
@@ -156,7 +156,7 @@ class _Composer:
         canvas.write(box.left, bar.bottom + px(29), words, 11, FAINT, anchor="lm", room=box.width)
 
     def draw_caption(self, tier: str, box: Box) -> None:
-        """Draw letter, name, PSNR, and times of a tier below its image."""
+        """Below the image of a tier, draw its letter, name, PSNR and times."""
         canvas, px, pair = self.canvas, self.canvas.px, self.state.pair
         x, y = float(box.left), box.top + px(14)
         if tier in pair and pair[0] != pair[1]:
@@ -202,7 +202,7 @@ class _Composer:
 
 
 def camera_text(state: CompareState, size: tuple[int, ...] | None) -> str:
-    """Return the number and name of the camera, and the size (H, W, ...) of its images."""
+    """Return the number and name of the camera as text, and the size (H, W, ...) of its images."""
     pixels = "" if size is None else f", {size[1]} x {size[0]} pixels"
     views = state.comparison.views
     return f"camera 1 of {len(views)}: {views[0].name}{pixels}"

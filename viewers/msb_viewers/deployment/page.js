@@ -151,7 +151,7 @@ function scores() {
   header(foot, `average of ${meta.views.length}`);
   for (const tier of others) {
     const values = meta.views.map((_, at) => decibels(state.pair[0], tier, at));
-    // The average counts identical images with the maximum PSNR of msb.metrics.
+    // For the average, identical images have the maximum PSNR of msb.metrics.
     const known = values.filter((v) => v !== undefined).map((v) => (v === "identical" ? meta.cap : v));
     foot.insertCell().textContent = known.length === values.length ? (known.reduce((x, y) => x + y, 0) / known.length).toFixed(2) : "N/A";
   }
@@ -231,7 +231,7 @@ onkeydown = (event) => {
 };
 document.title = `${meta.name} - msb compare`;
 byId("head").append(make("h1", meta.name), make("p", meta.subtitle), make("p", meta.settings, "faint"));
-// An address that ends in #view=3&layout=wipe opens the page at this view and layout.
+// If the page address ends in #view=3&layout=wipe, the page opens at this view and layout.
 const wanted = new URLSearchParams(location.hash.slice(1));
 if (wanted.get("view") > 0 && wanted.get("view") <= meta.views.length) state.at = wanted.get("view") - 1;
 if (LAYOUTS.some(([key]) => key === wanted.get("layout"))) state.layout = wanted.get("layout");
