@@ -73,8 +73,7 @@ def _read_device_time(get: Callable[[Timing], float]) -> Callable[[Result], floa
 
 
 def _compute_rate_range(timing: Timing) -> float | None:
-    """Return the difference in frame rate between the fastest and the slowest timing round, relative to the
-    overall frame rate."""
+    """Return the range of the frame rates of the timing rounds, divided by the overall frame rate."""
     rates = timing.round_fps
     return (max(rates) - min(rates)) / timing.fps if len(rates) > 1 else None
 

@@ -241,8 +241,10 @@ def find_scan_files(data: Path, scene: str) -> list[Path]:
 
 
 def _find_chamfer_inputs(job: Job, table: ChamferTable, reader: InputReader) -> PartInputs:
-    """Return the inputs of the Chamfer distance. A missing file is reported when the Chamfer distance is
-    computed."""
+    """Return the inputs of the Chamfer distance.
+
+    A missing file is reported when the Chamfer distance is computed.
+    """
     from msb.metrics import identity
 
     scene = job.scene.read()

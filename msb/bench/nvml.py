@@ -128,8 +128,10 @@ class Gpus:
         return (sum(sizes), None) if sizes else (None, self._reason or unlisted)
 
     def _list_processes(self, handle: Any) -> dict[int, int]:
-        """Return the bytes of each process on a GPU, by process number. Without a process number from NVML,
-        the bytes are unknown."""
+        """Return the bytes of each process on a GPU, by process number.
+
+        Without a process number from NVML, the bytes are unknown.
+        """
         sizes: dict[int, int] = {}
         for processes in (
             self._nvml.nvmlDeviceGetComputeRunningProcesses(handle),

@@ -134,8 +134,10 @@ def _make_death_error() -> DeviceError:
 
 
 class _Process(SpawnProcess):
-    """A worker process that starts with blocked interrupts. Ctrl-C during the start of the process then
-    prints no traceback."""
+    """A worker process that starts with blocked interrupts.
+
+    Ctrl-C during the start of the process then prints no traceback.
+    """
 
     def start(self) -> None:
         if sys.platform == "win32":

@@ -47,8 +47,7 @@ _MAX_BYTES = 1 << 16
 
 @dataclass(frozen=True)
 class FilmTask:
-    """A task for a worker process: write one video of a method on a scene, or a grid of all methods of a
-    scene."""
+    """A task for a worker process: write the video of a method on a scene, or the grid of a scene."""
 
     # Dataset and scene of the video. For the video of one method, `names` also includes the model.
     names: tuple[str, ...]

@@ -57,8 +57,7 @@ class _FrameChange(NamedTuple):
 
 
 def plan_walk(scene: Scene, table: WalkTable) -> list[Camera]:
-    """Return the cameras of a scene's walk: a camera path near the test views, but away from all captured
-    views."""
+    """Return the cameras of a path (walk) near the test views, but away from all captured views."""
     views = (*scene.train, *scene.test)
     return make_walk(scene.test, views, table.frames, table.reach, table.size)
 

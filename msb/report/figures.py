@@ -392,8 +392,10 @@ def _make_figure(
 
 
 def make_sheet(view: ComparedView) -> Figure:
-    """Return a sheet for LaTeX that shows a test view. Each row shows the photograph and all renderings of
-    one method."""
+    """Return a sheet for LaTeX that shows a test view.
+
+    Each row shows the photograph and all renderings of one method.
+    """
     stem = view.view.rpartition(".")[0] or view.view
     name = "-".join(("qualitative", slug(view.dataset), slug(view.scene), slug(stem)))
     return Figure(name, view.title, partial(_write_sheet, view))
@@ -451,8 +453,10 @@ def _write_chart(title: str, draw: Callable[[Axes], None], form: Literal["svg", 
 def _write_canvas(
     form: Literal["svg", "pdf"], size: tuple[float, float], lay_out: Callable[[Canvas], None]
 ) -> bytes:
-    """Draw a figure with the function `lay_out`, and return the bytes of the file. Equal drawings give equal
-    bytes."""
+    """Draw a figure with the function `lay_out`, and return the bytes of the file.
+
+    Equal drawings give equal bytes.
+    """
     # hide warnings about a cache that cannot be written
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     need_extra("bench", "matplotlib", what="a figure")

@@ -64,8 +64,7 @@ class Finding:
 
 
 class _Case(NamedTuple):
-    """A metric value of a method on a dataset, with a text that describes the value. Cases are sorted by
-    value."""
+    """A value of a method on a dataset, and a text that describes it. Cases are sorted by value."""
 
     value: float
     dataset: str
@@ -117,8 +116,7 @@ def _collect_means(
 
 
 def _describe_significance(difference: Interval | None) -> str:
-    """Return the t test of a difference as text, or the reason for a missing test. Without a difference,
-    return ""."""
+    """Return the result of the t test on a difference as text. Without a difference, return ""."""
     if difference is None:
         return ""
     if difference.p is None:
@@ -146,8 +144,7 @@ def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Fin
         *_structure_findings(numbers),
         *_unsupported_findings(numbers),
     ]
-    # The sort is stable, so findings of equal rank keep their order. Move minor findings to the end without
-    # changing the order of the other findings.
+    # Move minor findings to the end. The sort is stable, so other findings keep their order.
     findings.sort(key=lambda finding: finding.kind in _MINOR)
     optional = [finding for finding in findings if finding.kind not in _ALWAYS_KEPT]
     dropped = optional[max(0, _MAX_FINDINGS - (len(findings) - len(optional))) :]
@@ -193,8 +190,7 @@ def _describe_extremes(cases: list[_Case], word: str, start: str, end: str) -> s
 
 
 def _describe_reference(numbers: Numbers, cases: list[_Case]) -> str:
-    """If another renderer than the methods' official code made the Non-Engine images, return a sentence about
-    this. Otherwise return ""."""
+    """Return a sentence if our reference renderer made Non-Engine images, otherwise ""."""
     notes = [
         numbers.number(Key(case.dataset, MEAN, case.method, "non_engine", "psnr")).notes for case in cases
     ]
@@ -218,8 +214,7 @@ def _gap_cases(numbers: Numbers, name: GapName, dedicated: str) -> Iterator[_Cas
 
 
 def _describe_gap(gap: Gap, signed: float, ends: tuple[float, float]) -> str:
-    """Return text such as "loses 4.88 dB PSNR (28.16 to 23.28 dB)". `signed` is in dB and positive for a
-    loss."""
+    """Return text such as "loses 4.88 dB PSNR (28.16 to 23.28 dB)" for the loss `signed` in dB."""
     amount, first, last = format_change(signed, ends, METRICS["psnr"].decimals)
     if abs(signed) < _MIN_DIFFERENCE:
         change = "keeps its PSNR"
@@ -273,8 +268,7 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the combinations of method and dataset in which the value of Dedicated is not between Non-Engine
-    and Standard."""
+    """Yield the cases in which the value of Dedicated is not between Non-Engine and Standard."""
     comparable = [
         (key, gaps)
         for key, gaps in numbers.gaps.items()
@@ -303,8 +297,7 @@ def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
 def _describe_not_monotone(
     broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]], total: int
 ) -> Finding:
-    """Return a finding that describes the combination with the largest excess, and names all other
-    combinations.
+    """Return a finding that describes the case with the largest excess, and names all other cases.
 
     Parameters
     ----------
@@ -318,8 +311,7 @@ def _describe_not_monotone(
     def excess(place: tuple[str, str, str]) -> float:
         return broken[place][0][1].triangle_excess or 0.0
 
-    # The sentence describes the combination with the largest excess, and its first metric. All other
-    # combinations are only named.
+    # Describe the case with the largest excess by its first metric. Only name all other cases.
     first, *others = sorted(broken, key=excess, reverse=True)
     (dataset, method, dedicated), cases = first, broken[first]
     title, (key, gaps) = _format_condition(dedicated), cases[0]
@@ -347,8 +339,7 @@ def _describe_not_monotone(
 
 
 def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the changes of the PSNR ranking between conditions. Also yield a finding for each dataset whose
-    ranking does not change."""
+    """For each dataset, yield a finding on changes of the PSNR ranking between conditions."""
     changed: dict[str, str] = {}
     unchanged: dict[str, str] = {}
     for dataset in numbers.datasets():
@@ -510,8 +501,7 @@ def _speed_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _describe_cpu(numbers: Numbers, cases: Sequence[_Case], condition: str) -> str:
-    """If frame rates of a condition were measured on a CPU, return a sentence about this. Otherwise return
-    ""."""
+    """Return a sentence if frame rates of a condition were measured on a CPU, otherwise ""."""
     rates = [numbers.number(Key(case.dataset, MEAN, case.method, condition, "fps")) for case in cases]
     on_cpu = [any(note.startswith(ON_CPU) for note in rate.notes) for rate in rates]
     if not any(on_cpu):
@@ -535,8 +525,7 @@ def _describe_engine_loss(numbers: Numbers, standard: str, dedicated: str) -> st
 
 
 def _walk_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the largest and the smallest flicker on walks (camera paths), and the largest fraction of
-    holes."""
+    """Yield the extremes of flicker on camera paths (walks), and the largest fraction of holes."""
 
     def describe_place(key: Key, _: float) -> str:
         return f"{_format_pair(key.dataset, key.method)} ({condition_title(key.condition)})"

@@ -174,8 +174,10 @@ class Numbers:
     of_paper: bool = False
 
     def number(self, key: Key) -> Number:
-        """Return the number at `key`. For an unknown key, the result is a missing number with the text
-        "--"."""
+        """Return the number at `key`.
+
+        For an unknown key, the result is a missing number with the text "--".
+        """
         return self.values.get(key, Number(None))
 
     def value(self, key: Key) -> float | None:
@@ -299,8 +301,10 @@ def list_ratio_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> 
 
 
 def condition_order(condition: str) -> tuple[int, bool]:
-    """Return the sort key of a condition. Tiers are in the order of `CONDITION_TITLES`, each followed by its
-    variants."""
+    """Return the sort key of a condition.
+
+    Tiers are in the order of `CONDITION_TITLES`, each followed by its variants.
+    """
     tier, slash, _ = condition.partition("/")
     return list(CONDITION_TITLES).index(tier), bool(slash)
 

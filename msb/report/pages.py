@@ -91,8 +91,10 @@ def report_files(
 
 
 def _make_grid(report: Report) -> dict[str, Any]:
-    """Return the audit verdicts by dataset, scene and method for the table of assets. Also return all methods
-    of the tables."""
+    """Return the audit verdicts by dataset, scene and method for the table of assets.
+
+    Also return all methods of the tables.
+    """
     datasets: dict[str, dict[str, dict[str, Verdict]]] = {}
     methods: dict[str, None] = {}
     for verdict in report.verdicts:

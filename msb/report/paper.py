@@ -169,8 +169,10 @@ def published_numbers(path: str | os.PathLike[str]) -> dict[Key, Number]:
 
 
 def contradictions() -> dict[str, list[str]]:
-    """Return notes on statements of the paper that contradict a table. The keys are the labels of the
-    tables."""
+    """Return notes on statements of the paper that contradict a table.
+
+    The keys are the labels of the tables.
+    """
     notes: dict[str, list[str]] = json.loads(_read_text("contradictions"))
     return notes
 

@@ -282,8 +282,10 @@ def _capitalize(sentence: str) -> str:
 
 
 class Similarity(NamedTuple):
-    """The mean PSNR in dB between two sets of renderings. The comparison uses `views` of the `of` common
-    views."""
+    """The mean PSNR in dB between two sets of renderings.
+
+    The comparison uses `views` of the `of` common views.
+    """
 
     psnr: float
     views: int

@@ -49,8 +49,10 @@ def find_model(folder: Path) -> Path | None:
 
 
 def list_models(folder: Path) -> list[Path]:
-    """Return the numbered models in the folder `sparse` of a scene. The model with the most images comes
-    first."""
+    """Return the numbered models in the folder `sparse` of a scene.
+
+    The model with the most images comes first.
+    """
     try:
         numbered = [child for child in (folder / "sparse").iterdir() if child.name.isascii()]
     except OSError:

@@ -142,8 +142,7 @@ def _check_frames(count: int) -> None:
 
 
 def _spline_keys(keys: NDArray[np.float64], segment: int, closed: bool) -> NDArray[np.float64]:
-    """Return four keys (4, D) of the spline: the key before `segment`, the two ends of `segment`, and the key
-    after `segment`."""
+    """Return the two ends of `segment` with the keys before and after them, (4, D)."""
     if closed:
         return keys[np.arange(segment - 1, segment + 3) % len(keys)]
     before = keys[segment - 1] if segment else 2 * keys[0] - keys[1]

@@ -71,8 +71,10 @@ def _finite_matrix(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
 
 
 def invert_pose(pose: ArrayLike, what: str = "the camera-to-world matrix") -> NDArray[np.float64]:
-    """Return the inverse (4, 4) float64 of a pose. It converts world-to-camera to camera-to-world, and vice
-    versa."""
+    """Return the inverse (4, 4) float64 of a pose.
+
+    It converts world-to-camera to camera-to-world, and vice versa.
+    """
     return rigid_inverse(check_pose(pose, what))
 
 

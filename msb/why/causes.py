@@ -89,8 +89,7 @@ def _draw_linear_colors(views: CauseViews) -> _Pair:
 
 
 def interpret_as_linear(frames: list[Frame]) -> list[Image]:
-    """Return the images of an engine that interprets sRGB colours as linear light, and then encodes them as
-    sRGB again."""
+    """Return images of an engine that encodes sRGB colours as sRGB once more."""
     return [
         np.where(frame.alpha[..., None] > 0, _to_srgb(np.clip(frame.image, 0, 1)), frame.image)
         for frame in frames
@@ -138,8 +137,7 @@ def _with_hard_edges(asset: Asset) -> _Change:
 
 
 def _draw_change(change: Callable[[Asset], _Change]) -> _Draw:
-    """Return a function that compares native renderings of the original model with native renderings of a
-    changed model."""
+    """Return a function that compares native renderings of the original and of a changed model."""
 
     def draw(views: CauseViews) -> _Pair:
         asset, settings = change(views.asset)

@@ -147,8 +147,10 @@ def _format_db(db: float | None) -> str:
 
 
 def _describe_total(causes: Causes, quiet: bool) -> Iterator[str]:
-    """Yield lines of text about the loss of the standard-tier mesh. The text separates the loss that settings
-    avoid from the loss that a bake avoids."""
+    """Yield lines of text about the loss of the standard-tier mesh.
+
+    The text separates the loss that settings avoid from the loss that a bake avoids.
+    """
     from msb.why.total import TITLE
 
     total = causes.total

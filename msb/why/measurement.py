@@ -1,5 +1,7 @@
-"""Measure the causes of a loss of image quality on an asset. Each cause is measured alone, then all causes
-are measured together."""
+"""Measure the causes of a loss of image quality on an asset.
+
+Each cause is measured alone, then all causes are measured together.
+"""
 
 from __future__ import annotations
 

@@ -49,8 +49,10 @@ def up_vector(axis: str) -> NDArray[np.float64]:
 
 
 def default_pose(axis: str, aspect: float) -> Pose:
-    """Return the first view of a mesh. The unit sphere fills an area whose width divided by its height is
-    `aspect`."""
+    """Return the first view of a mesh.
+
+    The unit sphere fills an area whose width divided by its height is `aspect`.
+    """
     up = up_vector(axis)
     # Compute the two other axes, so that (first, second, up) is a right-handed frame.
     first = np.roll(np.abs(up), 1)
@@ -119,8 +121,10 @@ def component_pose(model: ViewModel, component: int, current: Pose, aspect: floa
 
 
 def _fitting_distance(aspect: float) -> float:
-    """Return the distance at which a sphere fills a window with the given aspect ratio. The unit is the
-    radius of the sphere."""
+    """Return the distance at which a sphere fills a window with the given aspect ratio.
+
+    The unit is the radius of the sphere.
+    """
     narrow = min(FOV_Y, 2 * math.atan(math.tan(FOV_Y / 2) * max(aspect, 0.1)))
     return _MARGIN / math.sin(narrow / 2)
 
@@ -128,8 +132,10 @@ def _fitting_distance(aspect: float) -> float:
 def _may_reach(
     points: NDArray[np.float32], faces: NDArray[Any], target: NDArray[np.float64], reach: float
 ) -> NDArray[np.bool_]:
-    """Return a mask (F,) of the faces that may intersect a cube. The cube is centred at `target` and has the
-    half-width `reach`."""
+    """Return a mask (F,) of the faces that may intersect a cube.
+
+    The cube is centred at `target` and has the half-width `reach`.
+    """
     # Each vertex has six bits, one for each side of the cube. A bit is set if the vertex is beyond this side
     # of the cube. If all vertices of a face have the same bit set, the face is outside the cube.
     code = np.zeros(len(points), np.uint8)

@@ -164,8 +164,10 @@ class TopologyControls:
         return False
 
     def _toggle_box(self) -> None:
-        """Switch the clipping box on or off. In a window, the clipping box has handles that the user can
-        drag."""
+        """Switch the clipping box on or off.
+
+        In a window, the clipping box has handles that the user can drag.
+        """
         viewer = self.viewer
         if viewer.stage.box is not None:
             viewer.set_box(None)

@@ -184,8 +184,10 @@ def markers(points: NDArray[np.float32], color: Color, shape: str, size: float) 
 
 
 def clip(actors: Iterable[Any], box: NDArray[Any] | None) -> None:
-    """Draw only the part inside a box (3, 2), which has a low and a high end per axis. None draws
-    everything."""
+    """Draw only the part inside a box (3, 2), which has a low and a high end per axis.
+
+    None draws everything.
+    """
     from vtkmodules.vtkCommonDataModel import vtkPlane
 
     planes = []

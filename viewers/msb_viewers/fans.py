@@ -117,8 +117,10 @@ def _fan(
     triangles: NDArray[np.float64],
     offset: NDArray[np.float64],
 ) -> Fan:
-    """Return a fan that consists of the faces `rows` (n,). `corners` (n,) is the index of the corner at the
-    vertex for each face."""
+    """Return a fan that consists of the faces `rows` (n,).
+
+    `corners` (n,) is the index of the corner at the vertex for each face.
+    """
     # For each face, find its two half-edges at the vertex, and the vertices at their other ends.
     leaving, coming = 3 * rows + corners, 3 * rows + (corners + 2) % 3
     faces_at_edge = model.analysis.mesh.multiplicity

@@ -101,8 +101,10 @@ class ViewModel:
         return self.audit.judged.topology == "triangle_soup" and len(self.faces) > 1
 
     def row_in_file(self, vertex: int) -> int:
-        """Return the index of a vertex in the file. A vertex that was merged at seams has several indices.
-        The function returns its first index."""
+        """Return the index of a vertex in the file.
+
+        A vertex that was merged at seams has several indices. The function returns its first index.
+        """
         return vertex if self.seams is None else int(self.seams.first[vertex])
 
     def vertex_of_row(self, row: int) -> int | None:
@@ -138,8 +140,10 @@ class ViewModel:
         return visible
 
     def positions(self, kind: str, *, component: int | None = None) -> NDArray[np.float32]:
-        """Return the vertex positions (n, k, 3) of the elements of a layer that can be drawn. `component`
-        selects one component; None selects all components."""
+        """Return the vertex positions (n, k, 3) of the elements of a layer that can be drawn.
+
+        `component` selects one component; None selects all components.
+        """
         return np.asarray(self.points[self.layers[kind].vertices[self.rows(kind, component)]])
 
     def rows(self, kind: str, component: int | None = None) -> NDArray[Any]:
@@ -170,8 +174,7 @@ class ViewModel:
         )
 
     def _class_of_components(self) -> NDArray[np.uint8]:
-        """Return a class index for each component: 0 for the largest component, otherwise 1 + its index in
-        SIZE_CLASSES."""
+        """Return the class of each component: 0 for the largest, otherwise 1 + its index in SIZE_CLASSES."""
         lows = np.array([low for low, _, _ in SIZE_CLASSES])
         classes = np.searchsorted(lows, self.sizes, "right").astype(np.uint8)
         classes[:1] = 0
@@ -184,8 +187,7 @@ class ViewModel:
         return np.asarray(np.append(self._class_of_components(), np.uint8(0))[self.face_component])
 
     def component_colors(self) -> NDArray[np.uint8]:
-        """Return a colour for each face (F, 3): grey in the largest component, otherwise the colour of the
-        size class."""
+        """Return a colour for each face (F, 3): grey, or the colour of the size class."""
         table = np.array([NEUTRAL, *(color for _, _, color in SIZE_CLASSES)], np.uint8)
         return np.asarray(table[self.size_class_of_faces()])
 

@@ -52,8 +52,7 @@ def page(model: ViewModel, state: ViewState, up: str) -> bytes:
 
 
 def page_arrays(model: ViewModel) -> dict[str, NDArray[Any]]:
-    """Return the arrays of the page by name; each array is one-dimensional and little-endian, float32,
-    uint32 or uint8."""
+    """Return the one-dimensional, little-endian arrays of the page by name."""
     # Faces with the same texture must be contiguous.
     rows = model.faces_of(None)
     textures = _by_texture(model)

@@ -71,8 +71,10 @@ def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
 def _colors(
     before: ViewedMesh, faces: NDArray[Any], deleted: NDArray[np.int64], added: int
 ) -> NDArray[np.uint8]:
-    """Return the colours (F + added, 3) of the faces. Deleted faces are red, added faces are green, and other
-    faces are grey."""
+    """Return the colours (F + added, 3) of the faces.
+
+    Deleted faces are red, added faces are green, and other faces are grey.
+    """
     light = np.full(len(faces), 200.0)
     if before.colors is not None:
         light = before.colors.values.mean(axis=1)

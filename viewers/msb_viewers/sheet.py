@@ -87,8 +87,10 @@ class Sheet:
         return font(max(round(size * self.scale), 7), bold=bold)
 
     def text(self, x: float, text: str, size: float = 13, color: Color = INK, **options: Any) -> None:
-        """Write text in the current row, vertically centred. A negative x is the distance from the right
-        side."""
+        """Write text in the current row, vertically centred.
+
+        A negative x is the distance from the right side.
+        """
         anchor = "lm" if x >= 0 else "rm"
         place = self.px(x) if x >= 0 else self.width - self.px(-x)
         middle = self.y + self.px(ROW) / 2
@@ -103,8 +105,10 @@ class Sheet:
 
 
 def wrap_text(text: str, face: Any, width: float) -> list[str]:
-    """Return the lines of `text`, each at most `width` pixels wide. Words longer than a line are
-    shortened."""
+    """Return the lines of `text`, each at most `width` pixels wide.
+
+    Words longer than a line are shortened.
+    """
     lines: list[str] = []
     line = ""
     for word in text.split():
@@ -147,8 +151,10 @@ def help_panel(rows: Iterable[tuple[str, str]], scale: float = 1.0) -> Panel:
 
 
 def line_panel(text: str, width: int, scale: float = 1.0) -> Panel:
-    """Return an image of one line of text. The line is shortened in the middle if it is wider than `width`
-    pixels."""
+    """Return an image of one line of text.
+
+    The line is shortened in the middle if it is wider than `width` pixels.
+    """
     face = font(max(round(13 * scale), 8))
     short = shorten_text(text, face, width - 24 * scale)
     wide = min(int(face.getlength(short) + 24 * scale), width) / scale
@@ -162,8 +168,7 @@ def line_panel(text: str, width: int, scale: float = 1.0) -> Panel:
 
 
 def list_panel(title: str, text: str, lines: list[tuple[str, Color | None]], scale: float = 1.0) -> Panel:
-    """Return an image with the text of the fan inspector: a title, a paragraph, and lines with a colour
-    swatch."""
+    """Return an image with a title, a paragraph, and lines with a colour swatch (fan inspector)."""
 
     def write(sheet: Sheet) -> None:
         sheet.paragraph(title, 13, bold=True)

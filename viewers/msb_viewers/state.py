@@ -1,5 +1,7 @@
-"""The state of the topology viewer: visible layers, selection, isolated component. This module needs no
-window."""
+"""The state of the topology viewer: visible layers, selection, isolated component.
+
+This module needs no window.
+"""
 
 from __future__ import annotations
 
@@ -148,8 +150,10 @@ class ViewState:
         self.message = "Layers are drawn over the surface" if self.through else "The surface hides layers"
 
     def step(self, by: int) -> bool:
-        """Select the next (+1) or previous (-1) element of the active layer. Return whether this element
-        exists."""
+        """Select the next (+1) or previous (-1) element of the active layer.
+
+        Return whether this element exists.
+        """
         layer = self.model.layers[self.active]
         label = layer.style.label
         rows = self.model.rows(self.active, self.component)

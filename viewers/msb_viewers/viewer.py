@@ -213,8 +213,10 @@ class TopologyViewer:
         return np.stack([(device[:, 0] + 1) / 2 * width, (1 - device[:, 1]) / 2 * height], axis=1)
 
     def pick(self, x: float, y: float) -> int | None:
-        """Find the face at a pixel, and select its vertex nearest to the pixel. Return the selected vertex,
-        or None."""
+        """Find the face at a pixel, and select its vertex nearest to the pixel.
+
+        Return the selected vertex, or None.
+        """
         # Find a point on the near plane and a point on the far plane. The two points define the ray through
         # the pixel.
         width, height = self.size
@@ -253,8 +255,10 @@ class TopologyViewer:
         self.plotter.close()
 
     def legend_hit(self, x: float, y: float) -> str | None:
-        """Return the legend's action at a pixel. The result is "" for the legend's background, and None
-        outside the legend."""
+        """Return the legend's action at a pixel.
+
+        The result is "" for the legend's background, and None outside the legend.
+        """
         if self._legend is None:
             return None
         gap = round(_GAP * self.scale)

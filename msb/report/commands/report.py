@@ -203,8 +203,10 @@ def _print_tables(report: Report, label: str | None, form: TableFormat, output: 
 
 
 def _build(folders: tuple[Path, ...], options: ReportOptions, output: Output, *, pictures: bool) -> Report:
-    """Return a report on results or a board of submissions. If `folders` is empty, return the paper's own
-    report."""
+    """Return a report on results or a board of submissions.
+
+    If `folders` is empty, return the paper's own report.
+    """
     from msb.bench.submission import is_submission, read_submission
     from msb.report.board import build_board
     from msb.report.build import build_report, paper_report

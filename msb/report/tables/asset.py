@@ -94,8 +94,7 @@ def _memory_table(memory: Mapping[str, Memory]) -> Table:
 
 
 def _structure_table(place: Place, metrics: Mapping[str, float | None]) -> Table:
-    """Return the connectivity metrics of a mesh, with the paper's means over the scenes of the same
-    dataset."""
+    """Return the connectivity metrics of a mesh, with the paper's means for the same dataset."""
     columns = connectivity_columns()
 
     def cells(values: Mapping[str, float | None]) -> tuple[TableCell, ...]:

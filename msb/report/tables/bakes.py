@@ -125,8 +125,7 @@ def _step_cell(key: SplitKey, split: Split, name: StepName, ends: Sequence[Numbe
 
 
 def bakes_table(numbers: Numbers, dataset: str) -> Table:
-    """Return a table of the exported mesh and each bake with quality, size, speed, bake time, verdict and
-    tasks."""
+    """Return a table that compares the exported mesh with each bake."""
     methods = numbers.methods(dataset, *numbers.variants(dataset, BAKED))
     rows = [
         row

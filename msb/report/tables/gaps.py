@@ -202,8 +202,10 @@ def _gap_cells(numbers: Numbers, key: GapKey) -> dict[str, TableCell]:
 def gap_cell(
     metric: str, value: float, gap: Gap, ends: Iterable[Number], *, sign: bool = True, interval: bool = True
 ) -> TableCell:
-    """Return a table cell for a value of `gap`. `ends` are the two compared numbers, whose notes are added to
-    the cell."""
+    """Return a table cell for a value of `gap`.
+
+    `ends` are the two compared numbers, whose notes are added to the cell.
+    """
     return difference_cell(
         metric,
         value,

@@ -171,8 +171,10 @@ def native_summary(numbers: Numbers, paper: Numbers | None = None) -> Table:
 
 
 def native_comprehensive_results(numbers: Numbers, paper: Numbers | None = None) -> Table:
-    """Return the columns of `native_summary` for each scene and for each mean. The best method of a scene is
-    bold."""
+    """Return the columns of `native_summary` for each scene and for each mean.
+
+    The best method of a scene is bold.
+    """
     return make_table(
         numbers,
         paper,
@@ -311,8 +313,7 @@ def latency(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Tab
 
 
 def frame_time(numbers: Numbers, dataset: str) -> Table:
-    """Return the parts of the frame time: device time of commands, idle time between commands, and host
-    time."""
+    """Return the parts of the frame time: busy time of the device, idle time and host time."""
     pairs, omitted = _deployments(numbers, dataset, "p50_ms")
     return make_table(
         numbers,
@@ -329,8 +330,10 @@ def frame_time(numbers: Numbers, dataset: str) -> Table:
 
 
 def walk(numbers: Numbers, dataset: str) -> Table:
-    """Return flicker and holes on a walk, which is a camera path beyond the captured views. Each method's
-    best condition is bold."""
+    """Return flicker and holes on a walk, which is a camera path beyond the captured views.
+
+    Each method's best condition is bold.
+    """
     pairs, omitted = _deployments(numbers, dataset, "flicker", bakes=True)
     return make_table(
         numbers,

@@ -1,5 +1,4 @@
-"""Describe a scene's folder: its content, its used files, and the deviations of official code from our
-rules."""
+"""Describe a scene's folder: its content, its used files, and deviations of official code."""
 
 import contextlib
 from dataclasses import asdict, dataclass
@@ -236,8 +235,7 @@ def _list_unused(
 
 
 def _list_deviations(root: Path, ours: Scene, options: dict[str, Any]) -> dict[str, tuple[str, ...]]:
-    """For each method, return the differences between our rules and the official code in reading the
-    scene."""
+    """For each method, return the differences between our rules and its official code."""
     given = {key: value for key, value in options.items() if key == "dataset"}
     deviations: dict[str, tuple[str, ...]] = {}
     for name in RULES:
@@ -260,8 +258,7 @@ def _explain_failure(error: MsbError, dataset: str) -> str:
 
 
 def _list_differences(ours: Scene, theirs: Scene) -> list[str]:
-    """Return short descriptions of the differences between a scene read by our rules and the scene read by
-    other rules."""
+    """Return short descriptions of the differences between a scene read by two sets of rules."""
     first, second = ours.test[0], theirs.test[0]
     differences = []
     our_size, size = (f"{view.width} x {view.height}" for view in (first, second))

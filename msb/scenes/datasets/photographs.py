@@ -364,8 +364,10 @@ def _find_mask_files(
 
 
 def _check_mask(mask: Path, size: Size) -> None:
-    """Raise SCENE_IMAGE if the aspect ratios of a mask and its photograph differ. The mask may be rotated
-    relative to its photograph."""
+    """Raise SCENE_IMAGE if the aspect ratios of a mask and its photograph differ.
+
+    The mask may be rotated relative to its photograph.
+    """
     stored = read_header(mask).size
     if not (_fits(stored, size) or _fits(stored, size[::-1])):
         text = f"it has {stored[0]} x {stored[1]} pixels, but its photograph {size[0]} x {size[1]}"

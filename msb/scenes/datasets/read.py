@@ -281,8 +281,7 @@ def _recognise(root: Path, layout: Layout, warnings: list[Finding]) -> str:
 
 
 def _is_masked(root: Path, layout: Layout, view: Camera) -> bool:
-    """Return whether the photograph of a view has an alpha channel, or whether the scene has a folder of
-    masks."""
+    """Return whether the scene has a folder of masks or photographs with an alpha channel."""
     if is_folder(root / MASKS):
         return True
     folder = "." if layout == "blender" else "images"
@@ -344,8 +343,10 @@ def _warn_shift(root: Path, cameras: Sequence[Camera]) -> list[Finding]:
 
 @dataclass(frozen=True)
 class SceneAt:
-    """A scene for the evaluation of a method. The class holds the arguments of `read_scene` and the scene's
-    name in the results."""
+    """A scene for the evaluation of a method.
+
+    The class holds the arguments of `read_scene` and the scene's name in the results.
+    """
 
     dataset: str
     name: str

@@ -107,8 +107,10 @@ def _read_split(
 
 
 class _NameTable:
-    """Finds a view by its full name. A short name, without folders or suffix, is accepted if it identifies a
-    single view."""
+    """Finds a view by its full name.
+
+    A short name, without folders or suffix, is accepted if it identifies a single view.
+    """
 
     def __init__(self, views: Iterable[Camera]) -> None:
         self._names: dict[str, set[str]] = {}
@@ -124,8 +126,7 @@ class _NameTable:
 
 
 def _spellings(name: str) -> list[str]:
-    """Return the name and its shorter forms: without the first folder, without folders, and without
-    suffix."""
+    """Return the name, and its forms without the first folder, without folders and without suffix."""
     path = PurePosixPath(name)
     paths = [path, PurePosixPath(*path.parts[1:]) if len(path.parts) > 1 else path, PurePosixPath(path.name)]
     return [str(part) for part in (*paths, *(part.with_suffix("") for part in paths if part.name))]

@@ -38,8 +38,7 @@ class Box:
         return self.top + self.height
 
     def fitting(self, width: int, height: int) -> Box:
-        """Return the largest box with the aspect ratio `width` / `height` that fits into the centre of this
-        box."""
+        """Return the largest centred box with the aspect ratio `width` / `height` in this box."""
         factor = min(self.width / width, self.height / height)
         wide, high = max(round(width * factor), 1), max(round(height * factor), 1)
         return Box(self.left + (self.width - wide) // 2, self.top + (self.height - high) // 2, wide, high)
@@ -86,8 +85,10 @@ def arrange(
 
 
 def _grid(tiers: Sequence[str], area: Box, gap: int, caption: int, aspect: float) -> list[Cell]:
-    """Return the panel boxes of a grid. The number of columns is chosen so that the images are as large as
-    possible."""
+    """Return the panel boxes of a grid.
+
+    The number of columns is chosen so that the images are as large as possible.
+    """
     best: tuple[float, list[Cell]] = (-1.0, [])
     for columns in range(1, len(tiers) + 1):
         rows = -(-len(tiers) // columns)

@@ -1,5 +1,7 @@
-"""Compare the renderer tiers of a model: the function `msb.compare`. The command `msb compare` calls the
-same code."""
+"""Compare the renderer tiers of a model: the function `msb.compare`.
+
+The command `msb compare` calls the same code.
+"""
 
 from __future__ import annotations
 
@@ -263,8 +265,10 @@ class Request:
         return Comparison(*content, self.device, self.baked)
 
     def _choose(self, asset: Asset) -> tuple[list[View], str]:
-        """Return views for a model without a scene, and a description of the views. The views are on a
-        turntable around the axis `up`."""
+        """Return views for a model without a scene, and a description of the views.
+
+        The views are on a turntable around the axis `up`.
+        """
         chosen = choose_views(asset, device=self.device, kind=self.cameras.kind)
         if chosen.origin == "turntable":
             cameras = make_turntable(asset, *TURNTABLE, up=self.up)
@@ -290,8 +294,10 @@ def write(
     size: tuple[int, int],
     counted: Counted = _uncounted,
 ) -> Compared:
-    """Render the views. Write the page and the image of the first view, if the paths of these files are
-    set."""
+    """Render the views.
+
+    Write the page and the image of the first view, if the paths of these files are set.
+    """
     scene = state.comparison
     only_first = html is None and screenshot is not None
     views = scene.views[:1] if only_first else scene.views
@@ -320,8 +326,10 @@ def write(
 
 
 def _read_decibels(values: Mapping[str, float | str]) -> dict[tuple[str, str], float]:
-    """Return the PSNR in dB of each pair of tiers. On the page, one text contains both names of a pair of
-    tiers."""
+    """Return the PSNR in dB of each pair of tiers.
+
+    On the page, one text contains both names of a pair of tiers.
+    """
     pairs = {}
     for names, value in values.items():
         a, b = names.split()

@@ -1,5 +1,4 @@
-"""The compared renderer tiers and their images: the rendering of each tier, or the reason why it is
-missing."""
+"""The compared renderer tiers, and the image of each tier or the reason why it is missing."""
 
 from __future__ import annotations
 

@@ -60,8 +60,10 @@ class CompareState:
 
 
 def _default_pair(comparison: Comparison) -> tuple[str, str]:
-    """Return the default tiers A and B. A shows photographs or the native rendering, and B shows the baked
-    mesh or the standard tier."""
+    """Return the default tiers A and B.
+
+    A shows photographs or the native rendering, and B shows the baked mesh or the standard tier.
+    """
     tiers = comparison.drawable
     first = next(tier for tier in (TRUTH, "dedicated", REFERENCE, "standard", BAKED) if tier in tiers)
     rest = [tier for tier in (BAKED, "standard", "dedicated", REFERENCE) if tier in tiers and tier != first]

@@ -86,8 +86,10 @@ def scene_views(scene: Scene, cameras: Sequence[Camera], scale: float | None = N
 
 
 def _find_photograph(camera: Camera, files: SpelledFiles | None, *, by_name: bool) -> Path | None:
-    """Return the path of a camera's photograph. If `by_name` is true, search `files` for the camera's
-    name."""
+    """Return the path of a camera's photograph.
+
+    If `by_name` is true, search `files` for the camera's name.
+    """
     from msb.metrics import IMAGE_SUFFIXES
 
     if not by_name and camera.image_path is not None:
@@ -119,8 +121,10 @@ def read_photograph(view: View, background: tuple[float, float, float]) -> NDArr
 
 
 def views_at(cameras: list[Camera], place: Path, images: Path | None, scale: float | None) -> list[View]:
-    """Return views of the cameras that were read from `place`. Photographs are in the folder `place` or in
-    `images`."""
+    """Return views of the cameras that were read from `place`.
+
+    Photographs are in the folder `place` or in `images`.
+    """
     from msb.scenes.datasets import find_photographs
 
     beside = place if place.is_dir() else place.parent
