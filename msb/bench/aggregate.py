@@ -48,7 +48,7 @@ def _read_metric(name: str) -> Callable[[Result], float | None]:
 
 
 def _read_key(place: str) -> Callable[[Result], float | None]:
-    """Return a function that reads a dotted name such as "walk.flicker" from a record."""
+    """Return a function that reads a value from a record by its dotted name, such as "walk.flicker"."""
 
     def get(result: Result) -> float | None:
         value: Any = result

@@ -1,6 +1,6 @@
 """Compute the parts of one benchmark cell and write its record.
 
-If one part of a cell fails, the other parts are still computed.
+If one part of a benchmark cell fails, the other parts are still computed.
 """
 
 import contextlib
@@ -29,8 +29,8 @@ from msb.errors import MsbError, shorten
 
 # The error code of unexpected exceptions.
 INTERNAL = "INTERNAL"
-# The function that computes each part of a cell. Each function returns a dictionary of arguments for
-# `Result`.
+# The function that computes each part of a benchmark cell. Each function returns a dictionary of arguments
+# for `Result`.
 MEASURES: dict[PartName, Callable[[Job], dict[str, Any]]] = {
     "quality": measure_quality,
     "audit": measure_audit,
@@ -54,7 +54,7 @@ _NOT_RENDERING = frozenset(
 
 
 def compute(job: Job) -> JobOutcome:
-    """Compute the requested parts of a cell, and write its record.
+    """Compute the requested parts of a benchmark cell, and write its record.
 
     Valid parts of the earlier record are kept.
     """
@@ -83,7 +83,7 @@ def compute(job: Job) -> JobOutcome:
 
 
 def write_lost(job: Job, reason: Reason) -> None:
-    """Write the record of a cell whose worker process died before writing it."""
+    """Write the record of a benchmark cell whose worker process died before writing it."""
     old = _read_old(job)
     if old is None or any(part in MAIN for part in job.parts):
         write_result(job.folder, Result(cell=job.cell, status="failed", reason=reason, seconds=0.0))
@@ -94,7 +94,7 @@ def write_lost(job: Job, reason: Reason) -> None:
 
 
 def _write(job: Job, record: dict[str, Any]) -> Result:
-    """Write the record of a cell with the parts in `record`, and return the record."""
+    """Write the record of a benchmark cell with the parts in `record`, and return the record."""
     failed = next((record["reasons"].pop(part) for part in MAIN if part in record["reasons"]), None)
     result = Result(
         cell=job.cell,
@@ -112,7 +112,7 @@ def _write(job: Job, record: dict[str, Any]) -> Result:
 
 
 def _read_old(job: Job) -> Result | None:
-    """Return the earlier record of the cell, or None if it is missing or invalid."""
+    """Return the earlier record of the benchmark cell, or None if it is missing or invalid."""
     try:
         return Results(job.root).read(job.cell)
     except MsbError:
@@ -140,7 +140,7 @@ def _keep_valid_parts(job: Job, old: Result | None) -> dict[str, Any]:
 
 
 def _is_valid(part: PartName, job: Job, old: Result) -> bool:
-    """Return whether a recorded part was computed from the current inputs of the cell."""
+    """Return whether a recorded part was computed from the current inputs of the benchmark cell."""
     recorded, requested = old.inputs[part], job.requested.get(part)
     if requested is not None:
         return recorded == requested
@@ -163,7 +163,7 @@ def _has_same_asset(job: Job, old: Result) -> bool:
 
 
 def write_result(folder: Path, result: Result) -> None:
-    """Write the record of a cell atomically."""
+    """Write the record of a benchmark cell atomically."""
     with new_file(folder / RESULT) as file:
         file.write(result.to_json())
 

@@ -35,11 +35,11 @@ class Results:
     root: Path
 
     def cell(self, cell: Cell) -> Path:
-        """Return the folder of one cell's record and images."""
+        """Return the folder of one benchmark cell's record and images."""
         return self.root.joinpath("cells", *cell.names)
 
     def record(self, cell: Cell) -> Path:
-        """Return the file of one cell's record."""
+        """Return the file of one benchmark cell's record."""
         return self.cell(cell) / RESULT
 
     def records(self) -> list[Path]:
@@ -47,14 +47,14 @@ class Results:
         return sorted((self.root / "cells").glob(f"*/*/*/*/{RESULT}"))
 
     def read(self, cell: Cell) -> Result:
-        """Return the record of one cell."""
+        """Return the record of one benchmark cell."""
         path = self.record(cell)
         result = read_result(path)
         self.check_place(result, path)
         return result
 
     def check_place(self, result: Result, path: Path) -> None:
-        """Raise RECORD_INVALID if a record is in the folder of another cell."""
+        """Raise RECORD_INVALID if a record is in the folder of another benchmark cell."""
         place = self.record(result.cell)
         # File systems and archives may store a name in another Unicode form.
         if unicodedata.normalize("NFC", str(place)) != unicodedata.normalize("NFC", str(path)):

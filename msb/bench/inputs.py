@@ -155,7 +155,7 @@ def find_inputs(job: Job, reader: InputReader) -> dict[PartName, PartInputs]:
 
 
 def _hash_walk(at: SceneAt, table: WalkTable) -> str:
-    """Return a hash of the cameras and the background of a walk, or an error code."""
+    """Return a hash of the cameras and the background of a camera path (walk), or an error code."""
     scene = at.read()
     try:
         return digest([[describe_camera(camera) for camera in plan_walk(scene, table)], scene.background])
@@ -206,7 +206,7 @@ def _get_asset_hash(job: Job) -> str:
 
 
 def _find_image_inputs(job: Job, reader: InputReader) -> PartInputs:
-    """Return the inputs of the images of a cell, without cameras and background."""
+    """Return the inputs of the images of a benchmark cell, without cameras and background."""
     if job.renders is not None:
         try:
             return {"renders": str(reader.find_renders(job.renders, job.scene).folder.sha256)[:_SHORT_DIGITS]}

@@ -1,6 +1,6 @@
 """Jobs for worker processes.
 
-A job is one benchmark cell, the parts to compute, and all their inputs, as plain data.
+A job contains one benchmark cell, the parts to compute, and all their inputs, as plain data.
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,8 @@ from msb.scenes.datasets import SceneAt
 PartName = Literal[
     "quality", "audit", "trial", "repairs", "timing", "walk", "chamfer", "training", "renderer_timing"
 ]
-# A cell fails if one of the required parts fails. If another part fails, the record states the reason.
+# A benchmark cell fails if one of the required parts fails. If another part fails, the record states the
+# reason.
 MAIN: tuple[PartName, ...] = ("quality", "audit")
 # The hash or version of each input of a part, by the name of the input.
 PartInputs = dict[str, str]
@@ -39,7 +40,7 @@ class Job:
     parts: Mapping[PartName, PartInputs]
     # The current inputs of every part that the protocol requests for the benchmark cell.
     requested: Mapping[PartName, PartInputs] = field(default_factory=dict)
-    # The model of the cell; None if the protocol has only official renderings of the method.
+    # The model of the benchmark cell; None if the protocol has only official renderings of the method.
     model: ModelAsset | None = None
     # Values that replace settings of the asset.
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -77,13 +78,13 @@ class Job:
 
     @property
     def tier(self) -> Tier:
-        """The tier that renders the images of the cell."""
+        """The tier that renders the images of the benchmark cell."""
         return TIER_OF[self.cell.condition]
 
 
 @dataclass(frozen=True)
 class JobOutcome:
-    """The status of a cell after a job, and the time of the job."""
+    """The status of a benchmark cell after a job, and the time of the job."""
 
     cell: Cell
     status: Status

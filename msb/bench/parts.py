@@ -66,7 +66,7 @@ def group_memory(
 
 
 def measure_audit(job: Job) -> dict[str, Any]:
-    """Return the audit of the stored mesh of a cell."""
+    """Return the audit of the stored mesh of a benchmark cell."""
     from msb.api.auditing import audit
 
     assert job.model is not None
@@ -74,7 +74,7 @@ def measure_audit(job: Job) -> dict[str, Any]:
 
 
 def _prepare_trial(job: Job) -> tuple[Asset, tuple[Camera, ...], TrialTable, Limits]:
-    """Return the asset and the test cameras of a cell, the trial table, and the limits of libraries."""
+    """Return the asset, test cameras, trial table and library limits of a benchmark cell."""
     assert job.model is not None
     assert job.trial is not None
     limits = Limits(job.trial.seconds, job.trial.memory)
@@ -82,9 +82,9 @@ def _prepare_trial(job: Job) -> tuple[Asset, tuple[Camera, ...], TrialTable, Lim
 
 
 def measure_trial(job: Job) -> dict[str, Any]:
-    """Return the results of the protocol's tasks on the mesh of a cell.
+    """Return the results of the protocol's tasks on the mesh of a benchmark cell.
 
-    An image of each task, from a test camera, is written to the folder of the cell.
+    An image of each task, from a test camera, is written to the folder of the benchmark cell.
     """
     from msb.trial.run import try_asset
 
@@ -111,9 +111,9 @@ def list_compared_tasks(table: TrialTable) -> tuple[str, ...]:
 
 
 def measure_repairs(job: Job) -> dict[str, Any]:
-    """Return the comparison of repair strategies on the mesh of a cell.
+    """Return the comparison of repair strategies on the mesh of a benchmark cell.
 
-    An image of each repair, from a test camera, is written to the folder of the cell.
+    An image of each repair, from a test camera, is written to the folder of the benchmark cell.
     """
     from msb.repair.plan import Options
     from msb.trial.repairs import compare, document

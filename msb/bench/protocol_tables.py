@@ -168,9 +168,9 @@ class WalkTable(Record):
     # engine render.
     conditions: tuple[FolderName, ...] = ()
 
-    # The walk needs 24 frames from one stop to the next, so a loop with ten stops has 240 frames.
+    # The camera path needs 24 frames from one stop to the next, so a loop with ten stops has 240 frames.
     frames: Annotated[int, Field(ge=3, le=100_000)] = 240
-    # Distance from each stop to the cameras, relative to the radius of the capture.
+    # Distance from each stop of the camera path to the cameras, relative to the radius of the capture.
     reach: Annotated[float, Field(ge=0, le=10)] = 0.25
     # Longer side of the frames in pixels.
     size: Annotated[int, Field(ge=16, le=16_384)] = 640

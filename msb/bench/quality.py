@@ -1,4 +1,4 @@
-"""The part "quality" of a cell: write the images of the cell, and compare them with the photographs."""
+"""The part "quality" of a benchmark cell: write images, and compare them with the photographs."""
 
 from __future__ import annotations
 
@@ -150,9 +150,9 @@ class _RenderedImages:
 
 
 def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
-    """Return the renderer for the asset of a cell.
+    """Return the renderer for the asset of a benchmark cell.
 
-    If `asset` is given, the renderer draws this asset in place of the cell's asset.
+    If `asset` is given, the renderer draws this asset in place of the benchmark cell's asset.
 
     The renderer omits buffers that are only needed by other commands.
     """

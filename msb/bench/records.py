@@ -1,4 +1,4 @@
-"""Result records: JSON files with the measurements of one cell (dataset, scene, method, condition).
+"""Result records: JSON files with the measurements of one benchmark cell (dataset, scene, method, condition).
 
 `msb run` writes the records, and `msb report` reads them. Values have full precision. The units are seconds,
 milliseconds, bytes and the units of the metrics. A missing value is None and has a reason. The file is
@@ -88,7 +88,7 @@ class Cell(Record):
     variant: Name | None = None
     # The label of a bake: a standard-tier mesh that was baked from the model.
     bake: Name | None = None
-    # The name in `msb.renderers` of the cell's engine, or of a variant's renderer.
+    # The name in `msb.renderers` of the benchmark cell's engine, or of a variant's renderer.
     renderer: Name | None = None
 
     @property
@@ -114,7 +114,7 @@ class Cell(Record):
 
     @property
     def names(self) -> tuple[str, str, str, str]:
-        """Dataset, scene, model and condition; these names are the folders of the cell."""
+        """Dataset, scene, model and condition; these names are the folders of the benchmark cell."""
         return self.dataset, self.scene, self.model_name, self.condition_name
 
 
@@ -360,7 +360,7 @@ class RendererInfo(Record):
 class Result(Record):
     """The record of one benchmark cell.
 
-    A cell is "done" if its images were compared or its mesh was audited. Tables print the status
+    A benchmark cell is "done" if its images were compared or its mesh was audited. Tables print the status
     "unsupported" as N/A and "failed" as --. Records with the status "unsupported" or "failed" have a
     `reason`. Parts that do not apply to the condition are None. Requested parts that are missing have a
     reason in `reasons`.
@@ -371,7 +371,7 @@ class Result(Record):
     cell: Cell
     status: Status
     reason: Reason | None = None
-    # Seconds spent on computing the cell.
+    # Seconds spent on computing the benchmark cell.
     seconds: Amount
     setup: Setup | None = None
     checkpoint: File | None = None
@@ -395,8 +395,8 @@ class Result(Record):
     trial: TrialDocument | None = None
     # Comparison of repairs, for exported meshes only. The images are in the folder "repairs".
     repairs: RepairDocument | None = None
-    # A walk exists only if the protocol requests it, and only for conditions that our renderers or an engine
-    # draw.
+    # A camera path (walk) is measured only if the protocol requests it, and only for conditions that our
+    # renderers or an engine draw.
     walk: WalkDocument | None = None
     training: Training | None = None
     # Notes on differences between training and evaluation: split, background and image size.

@@ -1,4 +1,4 @@
-"""The part "walk" of a cell: flicker and holes on a camera path away from the captured views."""
+"""The part "walk" of a benchmark cell: flicker and holes on a camera path away from the captured views."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene
 
-# Number of frames that supply surface points. These frames are evenly spread over the walk. A pixel is a hole
-# if its frame shows background in place of a surface point of another frame.
+# Number of frames that supply surface points. These frames are evenly spread over the camera path. A pixel is
+# a hole if its frame shows background in place of a surface point of another frame.
 _SURFACE_FRAMES = 8
 # Brightness factor for the changes in the video, which would be invisible without this factor.
 _CHANGE_GAIN = 16
@@ -65,7 +65,8 @@ def plan_walk(scene: Scene, table: WalkTable) -> list[Camera]:
 def measure_walk(job: Job) -> dict[str, Any]:
     """Return flicker and holes of a benchmark cell on its camera path.
 
-    With the extra `video`, a video of the second with the most flicker is written to the folder of the cell.
+    With the extra `video`, a video of the second with the most flicker is written to the folder of the
+    benchmark cell.
     """
     assert job.walk is not None
     start = time.perf_counter()
@@ -113,7 +114,7 @@ def _compute_flicker(changes: Iterable[_FrameChange]) -> float:
 
 
 def _measure_frames(renderer: Renderer, cameras: Sequence[Camera], scene: Scene) -> Iterator[_FrameChange]:
-    """Yield the measurements of every frame of a walk except the first and the last frame."""
+    """Yield the measurements of every frame of a camera path except the first and the last frame."""
     # Compute surface points of a few frames. If a surface point shows background in another frame, the pixel
     # is a hole.
     spread = [cameras[k * len(cameras) // _SURFACE_FRAMES] for k in range(min(_SURFACE_FRAMES, len(cameras)))]

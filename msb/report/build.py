@@ -269,7 +269,7 @@ def _make_sections(
 
 
 def _has_walk(numbers: Numbers, dataset: str) -> bool:
-    """Return whether a dataset has results of a walk beyond the captured views."""
+    """Return whether a dataset has results of a camera path (walk) beyond the captured views."""
     return any(
         number.value is not None
         for key, number in numbers.values.items()

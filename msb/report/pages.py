@@ -148,7 +148,7 @@ def _find_video(report: Report, place: Place, folder: Path | None) -> dict[str, 
 def _find_walks(
     conditions: Mapping[str, LoadedResult], folder: Path | None
 ) -> list[tuple[str, dict[str, str]]]:
-    """For each condition with a video of the walk, return the title and the video."""
+    """For each condition with a video of its camera path (walk), return the title and the video."""
     return [
         (condition_title(name), film)
         for name, loaded in conditions.items()

@@ -98,17 +98,17 @@ def unit_at(distance: float) -> float:
 
 
 def interpolate_cameras(cameras: Sequence[Camera], count: int, *, closed: bool = False) -> list[Camera]:
-    """Return a smooth flight of `count` frames through two or more cameras, in the size of the first camera.
+    """Return a smooth flight through two or more cameras: `count` cameras of the size of the first camera.
 
-    All segments between two cameras take the same time, whatever their length is. An open flight begins at
-    the first camera and ends at the last. A `closed` flight is a loop: after its last frame, the flight
-    returns to the first camera. The velocity and the angular velocity are continuous.
+    All segments between two cameras take the same time, whatever their length is. An open camera flight
+    begins at the first camera and ends at the last camera. A `closed` camera flight is a loop: after its last
+    frame, the flight returns to the first camera. The velocity and the angular velocity are continuous.
 
     Centres follow the uniform Catmull-Rom spline (E. Catmull and R. Rom, A class of local interpolating
-    splines, 1974). Beyond its ends, an open flight continues with mirrored cameras. Rotations follow the same
-    spline of unit quaternions, with signs aligned and the result normalised. Between two cameras, the
-    rotation is spherical linear interpolation (slerp). Focal lengths and principal points are interpolated
-    linearly, which cannot overshoot.
+    splines, 1974). Beyond its ends, an open camera flight continues with mirrored cameras. Rotations follow
+    the same spline of unit quaternions, with signs aligned and the result normalised. Between two cameras,
+    the rotation is spherical linear interpolation (slerp). Focal lengths and principal points are
+    interpolated linearly, which cannot overshoot.
     """
     if len(cameras) < 2:
         text = f"a flight needs at least 2 cameras, not {len(cameras)}"

@@ -1,4 +1,4 @@
-"""Additional cameras without photographs: a flight beside a capture's cameras, and cameras in gaps."""
+"""Additional cameras without photographs: a camera flight beside a capture's cameras, and cameras in gaps."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,27 +10,27 @@ from numpy.typing import NDArray
 from msb.scenes.camera import Camera
 from msb.scenes.paths import interpolate_cameras
 
-# Number of frames between two stops of the flight, which give one second of video.
+# Number of frames between two stops of the camera flight. This gives one second of video.
 PACE = 24
-# Largest number of stops of the flight.
+# Largest number of stops of the camera flight.
 _STOPS = 10
 # Number of decimals to which gaps between cameras are rounded. Rounding makes equal gaps compare equal.
 _DIGITS = 6
-# Displacements of successive stops in camera axes: right, nearer, left, farther, up.
+# Displacements of successive stops of the flight in camera axes: right, nearer, left, farther, up.
 _ASIDE = ((1, 0, 0), (0, 0, 1), (-1, 0, 0), (0, 0, -1), (0, -1, 0))
 
 
 def make_walk(
     stops: Sequence[Camera], capture: Sequence[Camera], frames: int, reach: float, size: int
 ) -> list[Camera]:
-    """Return the first `frames` cameras of a closed flight between and beyond the cameras of a capture.
+    """Return the first `frames` cameras of a closed flight between and beyond the capture's cameras.
 
-    The flight passes at most ten of `stops`, evenly spread, in their order. Each stop is displaced by `reach`
-    times the radius of the `capture`: the largest distance of a camera from the mean of all cameras. The
-    direction of displacement alternates: right, nearer, left, farther, up. Each displaced camera is rotated
-    towards the point nearest to all camera axes, so that this point keeps its place in the image. The flight
-    takes 24 frames from stop to stop (`interpolate_cameras`). If `frames` exceeds one loop of the flight, the
-    flight starts again.
+    The camera flight passes at most ten of `stops`, evenly spread, in their order. Each stop is displaced by
+    `reach` times the radius of the `capture`: the largest distance of a camera from the mean of all cameras.
+    The direction of displacement alternates: right, nearer, left, farther, up. Each displaced camera is
+    rotated towards the point nearest to all camera axes, so that this point keeps its place in the image. The
+    camera flight takes 24 frames from stop to stop (`interpolate_cameras`). If `frames` exceeds one loop of
+    the camera flight, the flight starts again.
 
     Parameters
     ----------

@@ -103,7 +103,7 @@ class TopologyControls:
         return False
 
     def set_moving(self, on: bool) -> None:
-        """Draw simplified meshes while the view moves, and everything when it stops."""
+        """While the view moves, draw simplified meshes; when it stops, draw everything."""
         self.viewer.stage.moving = on
         self.viewer.stage.sync(self.viewer.state)
         self.viewer.render()
