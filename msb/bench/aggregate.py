@@ -33,12 +33,13 @@ class Metric(NamedTuple):
     # Whether higher or lower values are better; None for a metric without a direction.
     better: Better | None
     get: Callable[[Result], float | None]
-    # Factor between the printed unit and the unit of the records: 60 if seconds are printed as minutes.
+    # Factor between the printed unit and the unit of the records. The factor is 60 if seconds are printed as
+    # minutes.
     scale: float = 1.0
 
     @property
     def last_digit(self) -> float:
-        """The value of the last printed digit, in the unit of the records."""
+        """The value of one unit of the last printed digit, in the unit of the records."""
         return float(10.0**-self.decimals * self.scale)
 
 
@@ -109,7 +110,7 @@ def _count_faces(result: Result) -> float | None:
 
 
 def _count_working_tasks(result: Result) -> float | None:
-    """Return the number of tasks that work, with or without limitations."""
+    """Return the number of trial tasks that work, with or without limitations."""
     trials = [] if result.trial is None else result.trial.trials
     return sum(trial.outcome in ("works", "care") for trial in trials) if trials else None
 
@@ -176,7 +177,7 @@ def _list_metrics() -> Mapping[str, Metric]:
 # benchmark's "overall" distance.
 METRICS: Mapping[str, Metric] = Lazy(_list_metrics)
 
-# The scenes of each dataset that are averaged.
+# The scenes of each dataset over which averages are computed.
 SCENES: dict[str, tuple[str, ...]] = {name: tuple(dataset.scenes) for name, dataset in DATASETS.items()}
 # The printed name of each dataset, in the order of the tables.
 TITLES: dict[str, str] = {name: dataset.title for name, dataset in DATASETS.items()}
@@ -208,7 +209,7 @@ class Mean:
 
 
 def expected_scenes(dataset: str, present: Iterable[str]) -> tuple[str, ...]:
-    """Return the scenes of `dataset` that averages include.
+    """Return the scenes of `dataset` over which averages are computed.
 
     The result is all published scenes if `present` contains a published scene, otherwise the scenes in
     `present`.

@@ -18,8 +18,8 @@ from msb.scenes.datasets import Scene
 # Maximum number of timed frames of a single triangle. The time for a single triangle hardly varies, so 20
 # frames are enough.
 _FRAMES = 20
-# The measured cost of a single triangle, by the hash of the inputs. Renderers with equal inputs are measured
-# once per process.
+# The measured cost of a single triangle. The key is the hash of the inputs. Renderers with equal inputs are
+# measured once per process.
 _known: dict[str, Floor | None] = {}
 
 

@@ -22,21 +22,21 @@ PartName = Literal[
 # A benchmark cell fails if one of the required parts fails. If another part fails, the record states the
 # reason.
 MAIN: tuple[PartName, ...] = ("quality", "audit")
-# The hash or version of each input of a part, by the name of the input.
+# For each part, the hash or version of each input. The keys are names of inputs.
 PartInputs = dict[str, str]
 
 
 @dataclass(frozen=True)
 class Job:
-    """One benchmark cell, with the parts to compute."""
+    """One benchmark cell, and the parts of the cell to compute."""
 
     root: Path
     run: str
     cell: Cell
     scene: SceneAt
-    # The state of the scene at the time of planning.
+    # The state of the scene when the run was planned.
     views: ViewState
-    # The inputs to record for each part to compute. All other valid parts of the record are kept.
+    # For each part to compute, the inputs that are recorded. All other valid parts of the record are kept.
     parts: Mapping[PartName, PartInputs]
     # The current inputs of every part that the protocol requests for the benchmark cell.
     requested: Mapping[PartName, PartInputs] = field(default_factory=dict)

@@ -24,7 +24,7 @@ from msb.metrics.registry import modules_needed
 from msb.render.backend import why_unavailable
 from msb.scenes.datasets import SceneAt
 
-# The use of inputs that all benchmark cells need.
+# The use of inputs that all benchmark cells need, as text.
 _ANY = "needed for all cells"
 
 
@@ -33,7 +33,7 @@ class Missing:
     """An input that is missing or invalid."""
 
     code: str
-    # Path of the file, its fault, its use, and the number of benchmark cells that need it.
+    # Path of the file, its fault and its use, and the number of benchmark cells that need the file.
     message: str
     # The number of benchmark cells that need the input; 0 if it is unknown.
     cells: int
@@ -47,7 +47,7 @@ class _Need(NamedTuple):
 
     code: str
     error: str
-    # The use of the input, such as "models of two_dts".
+    # The use of the input as text, such as "models of two_dts".
     use: str
     # Whether the benchmark cell cannot be computed without the input.
     blocks: bool
@@ -59,8 +59,8 @@ def find_missing(
     """Return the plan and all missing inputs. A benchmark cell without a necessary input is marked as failed.
 
     All inputs of a benchmark cell are checked, so that one missing input does not hide another input. Scenes
-    are read without photographs, and models are located without reading them. `errors` are faults that affect
-    every benchmark cell.
+    are read without photographs, and models are located without reading them. `errors` contains faults that
+    affect every benchmark cell.
     """
     search = _Search(planner, errors)
     # For each missing input, count the benchmark cells of each scene that need the input.
@@ -123,7 +123,7 @@ def find_start_errors(file: ProtocolFile, note: Callable[[str], None]) -> Iterat
 
 
 def _catch_error(check: Callable[..., object], *arguments: object) -> MsbError | None:
-    """Call a function, and return its MsbError or None."""
+    """Call a function. If it raises an MsbError, return the error, otherwise return None."""
     try:
         check(*arguments)
     except MsbError as error:
@@ -145,7 +145,7 @@ class _Search:
             for error, use, blocks in self.check_inputs(planned)
             if error is not None
         ]
-        # If all necessary inputs exist, report the error of the planner.
+        # If all necessary inputs exist, report the error that occurred during planning.
         if planned.reason is not None and not any(need.blocks for need in needs):
             reason = planned.reason
             needs.append(_Need(reason.code, reason.message, planned.cell.model_name, True))
@@ -154,7 +154,7 @@ class _Search:
     def check_inputs(self, planned: Planned) -> Iterator[tuple[MsbError | None, str, bool]]:
         """Check each input of a benchmark cell.
 
-        Yield the error or None, the use of the input, and whether the benchmark cell needs the input.
+        Yield the error or None, the use of the input as text, and whether the benchmark cell needs the input.
         """
         cell, chamfer = planned.cell, self.file.protocol.chamfer
         pair = self.planner.pairs[cell.names]
@@ -226,8 +226,8 @@ def _check_template(file: ProtocolFile, template: str, names: Mapping[str, str])
     """Raise FILE_NOT_FOUND if the path of a template does not exist.
 
     The error names the first folder of the path that does not exist. Therefore all scenes below this folder
-    have the same error.
-    The search starts at the folder that contains the first placeholder {dataset} or {scene}.
+    have the same error. The search starts at the folder that contains the first placeholder {dataset} or
+    {scene}.
     """
     places = (match for match in PLACE.finditer(template) if match[1] in ("dataset", "scene"))
     place = next(places, None)

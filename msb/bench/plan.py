@@ -58,11 +58,11 @@ class Planned:
     cell: Cell
     # The job of the benchmark cell, or None if it cannot be computed.
     job: Job | None
-    # The reason for computing each part, or for making the bake (key "bake"). A reason is "new", "failed
-    # before", "requested", a list of changed inputs, or a fault of a record or image.
+    # The reason for computing each part, or for making the bake (key "bake"). A reason is one of "new",
+    # "failed before" and "requested", a list of changed inputs, or a fault of a record or image.
     why: Mapping[str, str] = field(default_factory=dict)
-    # State "done" means that all parts are recorded and valid. Cells with the state "failed" or "unsupported"
-    # have a `reason`.
+    # State "done" means that all parts are recorded and valid. Benchmark cells with the state "failed" or
+    # "unsupported" have a `reason`.
     status: Literal["done", "pending", "failed", "unsupported"] = "pending"
     reason: Reason | None = None
     # The bake must finish before the parts of the benchmark cell can be planned.
@@ -135,8 +135,8 @@ class Planner:
     def plan(self, pairs: Sequence[Pair], models: Mapping[Pair, ModelAsset | Exception]) -> list[Planned]:
         """Return all selected benchmark cells in the order of the protocol.
 
-        For each pair of method and scene, `models` contains the model or the error about the model. In a dry
-        run, models that have not been exported count as missing.
+        For each pair of method and scene, `models` contains the model, or the error that prevented reading
+        the model. In a dry run, models that have not been exported count as missing.
         """
         cells = []
         for pair in pairs:
@@ -193,7 +193,10 @@ class Planner:
     def _plan_bake(
         self, pair: Pair, model: ModelAsset | Exception | None, table: BakeTable, cell: Cell
     ) -> Planned:
-        """Return the plan of a baked benchmark cell. If the bake is missing, the plan contains its task."""
+        """Return the plan of a baked benchmark cell.
+
+        If the bake does not exist yet, the plan contains its task.
+        """
         if not isinstance(model, ModelAsset) or not is_selected(cell, self.only):
             return self._plan_cell(pair, model, cell)
         settings = get_overrides(pair.method)
@@ -335,7 +338,10 @@ class Planner:
         )
 
     def scene_at(self, pair: Pair, model: ModelAsset | None, method: str) -> SceneAt:
-        """Return the scene of a pair. Options of the method take precedence over options of the dataset."""
+        """Return the scene for a pair of method and scene.
+
+        Options of the method take precedence over options of the dataset.
+        """
 
         def option(name: str) -> Any:
             value = getattr(pair.method, name)
@@ -378,7 +384,7 @@ def _is_walked(table: WalkTable | None, cell: Cell) -> bool:
 
 
 def _find_variant_fault(variant: VariantTable, method: str) -> str | None:
-    """Return the reason if a method does not support a variant, else None."""
+    """Return the reason why a method does not support a variant, or None."""
     if lacks := variant.settings.keys() - lookup(method).settings.keys():
         return f"the variant changes {', '.join(sorted(lacks))}, which is not a setting of {method}"
     if variant.renderer is not None and "dedicated" not in getattr(
@@ -389,7 +395,7 @@ def _find_variant_fault(variant: VariantTable, method: str) -> str | None:
 
 
 def _find_change(part: PartName, inputs: PartInputs, old: Result | None) -> str | None:
-    """Return the reason for computing a part. If its record is valid, return None."""
+    """Return the reason for computing a part. If the record of the part is valid, return None."""
     if old is None:
         return "new"
     recorded = old.inputs.get(part)
@@ -420,8 +426,8 @@ def is_selected(cell: Cell, only: Sequence[str]) -> bool:
 
     A string of `only` contains patterns separated by slashes, such as "two_dts/garden". A pattern may contain
     ``*`` and ``?``. A string selects a benchmark cell if each pattern matches the cell's dataset, scene,
-    method, label, condition, variant or renderer. One matching string is enough. If `only` is empty, every
-    benchmark cell is selected.
+    method, label, condition, variant or renderer. A cell is selected if at least one string matches. If
+    `only` is empty, every benchmark cell is selected.
     """
     return _matches((*cell.names, cell.method, cell.condition), only)
 

@@ -1,7 +1,7 @@
 """Workers that compute the tasks of a run: processes on this machine, or a Dask cluster.
 
 A task is the argument of a function in this package, as plain data. If a task raises an exception, the
-exception is returned instead of a result. If a worker process dies, only its current task is lost.
+exception is returned as the result of the task. If a worker process dies, only its current task is lost.
 """
 
 import contextlib
@@ -29,13 +29,16 @@ Answer = TypeVar("Answer")
 
 
 class Workers(ABC):
-    """Workers that compute `jobs` tasks at a time."""
+    """Workers that compute `jobs` tasks at the same time."""
 
     jobs: int
 
     @abstractmethod
     def executor(self) -> Executor:
-        """Return the executor that runs the tasks. After the death of a worker, a new executor is created."""
+        """Return the executor that runs the tasks.
+
+        When a worker process has died, a new executor is created.
+        """
 
     @abstractmethod
     def close(self) -> None:
@@ -53,14 +56,14 @@ def run_all(
 ) -> Iterator[tuple[Task, Answer | Exception]]:
     """Compute ``function(task)`` for all tasks. Yield each finished task with its result or exception.
 
-    Workers must be able to import the function. If `alone` is true, tasks run one after the other, so that
-    they do not disturb timings.
+    Worker processes must be able to import the function. If `alone` is true, tasks run one after the other,
+    so that they do not disturb timings.
 
-    When a process dies, the pool does not know which task killed the process. A task that was in progress is
-    among the first unfinished tasks, because each worker computes one task at a time. The pool repeats the
-    first unfinished tasks,
-    one at a time. If a worker process dies again during the same task, the task fails with RUN_WORKER_DIED.
-    The other tasks continue. A Dask scheduler repeats the tasks of a dead worker itself.
+    When a process dies, the process pool does not know which task caused this. A task that was in progress is
+    among the first unfinished tasks, because each worker computes one task at a time. The process pool
+    repeats the first unfinished tasks, one at a time. If a worker process dies again during the same task,
+    the task fails with RUN_WORKER_DIED. All other tasks continue. A Dask scheduler repeats the tasks of a
+    dead worker itself.
     """
     waiting = list(tasks)
     while waiting:
@@ -155,7 +158,7 @@ class _Context(SpawnContext):
 
 
 class LocalWorkers(Workers):
-    """Processes on this machine.
+    """Worker processes on this machine.
 
     The processes are spawned instead of forked, so that they inherit no OpenCL context.
 
@@ -177,7 +180,7 @@ class LocalWorkers(Workers):
         return self._pool
 
     def close(self) -> None:
-        """End all processes immediately, even during a task."""
+        """End all worker processes immediately, even during a task."""
         self._writer.close()
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)

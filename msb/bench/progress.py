@@ -18,9 +18,9 @@ class RemainingTime(NamedTuple):
 class Stage:
     """One stage of a run. Call `end` after each task.
 
-    Workers take tasks in order, `at_once` at a time. Therefore the current tasks are the first unfinished
-    tasks. The remaining time is estimated from finished tasks of the same kind. List the following stages in
-    `then`. The estimate does not include these stages.
+    Workers take the tasks in order, and compute `at_once` tasks at the same time. Therefore the current tasks
+    are the first unfinished tasks. The remaining time is estimated from finished tasks of the same kind.
+    `then` lists the following stages. The estimate does not include the following stages.
     """
 
     def __init__(
@@ -81,6 +81,6 @@ class Stage:
         return RemainingTime(max(sum(known) / self._at_once, *known), len(known) < len(self._waiting))
 
     def _record_starts(self) -> None:
-        """Record the start of the tasks that have just become current."""
+        """Record the start time of tasks that have just started."""
         for number in self._waiting[: self._at_once]:
             self._starts.setdefault(number, self._clock())

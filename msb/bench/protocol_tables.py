@@ -16,9 +16,9 @@ AUTO = "auto"
 # Value of `non_engine` that requests images of our NumPy renderer in place of official renderings.
 REFERENCE = "reference"
 PLACES = ("dataset", "scene", "method")
-# A placeholder in a path, or a doubled brace, which denotes a literal brace.
+# A placeholder in a path, or a doubled brace, which represents a single brace.
 PLACE = re.compile(r"\{\{|\}\}|\{(.*?)\}")
-# Pattern of names that are used as folder names in the results.
+# Pattern of valid names for folders in the results.
 _NAME = r"^[^/\\\x00-\x1f.][^/\\\x00-\x1f]*$"
 
 FolderName = Annotated[str, Field(pattern=_NAME, max_length=100)]
@@ -60,7 +60,7 @@ class MethodTable(SceneOptions):
     name: str = AUTO
     # The label distinguishes models of one method, and names the columns and folders of the model.
     label: FolderName | None = None
-    # The checkpoint, .triasset or mesh of each scene. Without a model, only official renderings are
+    # The checkpoint, .triasset or mesh of each scene. If no model is given, only official renderings are
     # evaluated.
     model: Template | None = None
     # The datasets on which the method is evaluated. Default: all.
@@ -135,7 +135,10 @@ class MetricsTable(Record):
 
 
 class TimingTable(Record):
-    """``[timing]``: the minimum number of frames and of seconds. With 0 frames, timings are left out."""
+    """``[timing]``: the minimum number of frames and of seconds.
+
+    If the number of frames is 0, timings are left out.
+    """
 
     frames: Annotated[int, Field(ge=0)] = Timing.frames
     seconds: Annotated[float, Field(ge=0)] = Timing.seconds
@@ -152,8 +155,7 @@ class VideosTable(Record):
     """``[videos]``: videos that show the conditions side by side along a camera path.
 
     The `path` "flight" is a smooth camera path through the test cameras. The `path` "test" shows the test
-    views,
-    together with the photographs and the official renderings.
+    views, together with the photographs and the official renderings.
     """
 
     path: Literal["flight", "test"] = "flight"
@@ -212,8 +214,8 @@ class Protocol(Record):
 def make_protocol_model(*, bakes: bool) -> type[Protocol]:
     """Return the data model of a protocol file.
 
-    With `bakes`, the tables ``[[bakes]]`` accept the options of `msb.bake`. Protocols without bakes do not
-    import `msb.bake`.
+    If `bakes` is true, the tables ``[[bakes]]`` accept the options of `msb.bake`. If a protocol has no bakes,
+    `msb.bake` is not imported.
     """
     if not bakes:
         return Protocol

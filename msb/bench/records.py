@@ -1,8 +1,8 @@
 """Result records: JSON files with the measurements of one benchmark cell (dataset, scene, method, condition).
 
 `msb run` writes the records, and `msb report` reads them. Values have full precision. The units are seconds,
-milliseconds, bytes and the units of the metrics. A missing value is None and has a reason. The file is
-described in docs/protocol.md.
+milliseconds, bytes and the units of the metrics. A missing value is None. The record contains the reason. The
+file is described in docs/protocol.md.
 """
 
 import math
@@ -32,7 +32,8 @@ from msb.metrics.vgg import MOST_LPIPS, is_weights_record
 from msb.registry import Tier
 
 SCHEMA: Literal["msb.result/2"] = "msb.result/2"
-# Maximum size of a record in bytes. The record of an image takes about 400 bytes, so 100,000 test views fit.
+# Maximum size of a record in bytes. The record of an image has about 400 bytes, so the limit allows 100,000
+# test views.
 MAX_BYTES = 64 << 20
 # Maximum number of frame times in a record. The JSON text of 20,000 times takes 160 kB. The default timing
 # takes 3 s and therefore has fewer frames.
@@ -58,7 +59,8 @@ BAKED = "baked"
 # the last printed digit.
 _ROUNDING = {"rel_tol": 1e-9, "abs_tol": 1e-9}
 
-# Larger numbers in any part of a record are rejected. Sums and squares of accepted numbers do not overflow.
+# If a part of a record contains a larger number, the record is rejected. Sums and squares of accepted numbers
+# do not overflow.
 _MAX_NUMBER = 1e100
 # A positive number. The lower limit avoids division by values close to zero.
 _Divisor = Annotated[float, Field(ge=1e-9)]
@@ -88,17 +90,23 @@ class Cell(Record):
     variant: Name | None = None
     # The label of a bake: a standard-tier mesh that was baked from the model.
     bake: Name | None = None
-    # The name in `msb.renderers` of the benchmark cell's engine, or of a variant's renderer.
+    # The name in `msb.renderers` of the engine that renders the benchmark cell, or of a variant's renderer.
     renderer: Name | None = None
 
     @property
     def model_name(self) -> str:
-        """The name of the model in tables and folders: its label, or else its method."""
+        """The name of the model in tables and folders.
+
+        The name is the label, or the method if there is no label.
+        """
         return self.label or self.method
 
     @property
     def condition_name(self) -> str:
-        """The folder name of the condition: its bake, variant or renderer if given, else the condition."""
+        """The folder name of the condition.
+
+        The name is the bake, variant or renderer if given, otherwise the condition.
+        """
         return self.bake or self.variant or self.renderer or self.condition
 
     @property
@@ -127,7 +135,10 @@ class File(Record):
 
 
 class Setup(Record):
-    """The conditions of a comparison. Two results are comparable only if their conditions are equal."""
+    """The conditions under which two results are compared.
+
+    Two results are comparable only if these conditions are equal.
+    """
 
     # Principal point in the image centre, as in 3DGS ("gs_fov"), or as recorded ("full_K").
     camera_convention: Literal["gs_fov", "full_K"]
@@ -152,7 +163,7 @@ class _MetricValues(Record):
 
     @property
     def values(self) -> dict[str, float | None]:
-        """The value of each metric by its key, or None."""
+        """For the key of each metric, its value or None."""
         return {key: self.__pydantic_extra__.get(key) for key in IMAGE_METRICS}
 
 
@@ -181,7 +192,7 @@ class Quality(_MetricValues):
     images: tuple[ImageQuality, ...]
     # The identity of every metric (`msb.metrics.identity`), with version and parameters.
     metrics: tuple[dict[str, Any], ...]
-    # For each missing metric of another package, the reason that it has no value.
+    # For each missing metric of another package, the reason why the metric has no value.
     missing: dict[Name, str] = Field(default_factory=dict)
 
     @property
@@ -209,7 +220,7 @@ class Timing(Record):
     """
 
     frames: Annotated[int, Field(gt=0)]
-    # Wall-clock seconds of all frames together.
+    # Wall-clock time of all frames together, in seconds.
     seconds: Amount
     # Frames per second of wall-clock time.
     fps: _Divisor
@@ -281,7 +292,10 @@ class Memory(Record):
 
 
 class Floor(Record):
-    """Time and memory of the renderer for a single triangle at this image size: a fixed cost of any mesh."""
+    """Time and memory of the renderer for a single triangle at this image size.
+
+    This is the fixed cost of drawing any mesh.
+    """
 
     width: Annotated[int, Field(gt=0)]
     height: Annotated[int, Field(gt=0)]
@@ -295,14 +309,14 @@ class RendererTiming(Record):
 
     schema_: Literal["msb.renderer_timing/1"] = Field(default="msb.renderer_timing/1", alias="schema")
     frames: Annotated[int, Field(gt=0)]
-    # Wall-clock seconds of all frames together.
+    # Wall-clock time of all frames together, in seconds.
     seconds: _Divisor
     # Name of the rendering device, such as "NVIDIA RTX 4090".
     device: Name
-    # Description of the measurement: "render() of 300 test views after a warm-up, nothing written".
+    # Description of the measurement, such as "render() of 300 test views after a warm-up, nothing written".
     timed: Name
-    # Whether loading and writing are included. Times that include loading or writing are not compared with
-    # other times.
+    # Whether the times include loading and writing. Times that include loading or writing are not compared
+    # with other times.
     whole_command: bool = False
     peak_gpu_memory_bytes: Count | None = None
 
@@ -322,7 +336,7 @@ class WalkDocument(Record):
     flicker: Amount
     # The flicker during the second of the walk with the most flicker.
     flicker_worst: Amount
-    # Index of the first frame of the worst second.
+    # Index of the first frame of the second with the most flicker.
     worst_frame: Count
     # Fraction of hole pixels (`msb.metrics.steadiness.find_holes`) among all pixels that show the model or a
     # hole.
@@ -488,7 +502,7 @@ def _find_quality_errors(quality: Quality) -> Iterator[tuple[str, str]]:
     if not quality.images:
         yield "/quality/images", "the list of images is empty"
         return
-    # The recorded averages are compared with averages computed from the images.
+    # The recorded averages are compared with averages that are computed from the images.
     infinite = sum(image.psnr_infinite for image in quality.images)
     if quality.psnr_inf_count != infinite:
         text = f"the value is {quality.psnr_inf_count}, but {infinite} images have an infinite PSNR"

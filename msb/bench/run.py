@@ -1,7 +1,7 @@
 """A run: export and bake models, write ground truth, compute benchmark cells, take timings and write videos.
 
-Each stage submits tasks to the workers, and continues if a task fails. Finished work is stored on disk, so an
-interrupted run continues when it is started again.
+Each stage submits tasks to the workers, and continues if a task fails. Finished work is stored on disk, so
+starting an interrupted run again continues the run.
 """
 
 import contextlib
@@ -72,7 +72,7 @@ class Report:
     """The outcome of a run."""
 
     rows: tuple[CellOutcome, ...]
-    # Errors about models that cannot be read, by the path of the model.
+    # Errors about models that cannot be read. The key is the path of the model.
     models: Mapping[str, Reason]
     seconds: float
     # The missing inputs of a dry run.
@@ -203,8 +203,8 @@ class _Run:
                 self.record(planned)
             elif planned.status == "done" and planned.job is not None:
                 self.update_notes(planned.job)
-        # Timings run alone after all other parts, and only for benchmark cells whose other parts did not
-        # fail.
+        # Timings run after all other parts, without other tasks at the same time. Cells with a failed part
+        # are not timed.
         pending = [
             planned.job for planned in cells if planned.job is not None and planned.status == "pending"
         ]
@@ -335,7 +335,7 @@ class _Run:
     ) -> Iterator[tuple[Any, Any]]:
         """Compute the tasks of a stage. Yield each task with its result or exception.
 
-        An error of the whole cluster is raised. List the following stages in `then`.
+        If the whole cluster fails, the error is raised. `then` lists the following stages.
         """
         if not tasks:
             return

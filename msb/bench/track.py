@@ -60,7 +60,7 @@ class Track(Record):
 
 
 class TrainingLog(Record):
-    """The file `training.json` of our trainer (docs/training.md). Other keys of the file are ignored."""
+    """The file `training.json` of our trainer (docs/training.md). All other keys of the file are ignored."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -183,7 +183,7 @@ class _MemoryMonitor(threading.Thread):
 def _forward_signals() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
     """Forward signals to a child process. Pass the child process to the yielded function.
 
-    A signal that arrives before the child process is known is forwarded later. If this process ignores a
+    If a signal arrives before the child process is known, it is forwarded later. If this process ignores a
     signal, for example under nohup, the child process ignores it too.
     """
     children: list[subprocess.Popen[bytes]] = []

@@ -1,4 +1,4 @@
-"""Validate JSON and TOML files against pydantic models. An invalid file gives one clear error line."""
+"""Validate JSON and TOML files against pydantic models. An invalid file gives a single clear error line."""
 
 import difflib
 import json
@@ -58,7 +58,7 @@ def parse_json(data: bytes, max_bytes: int, *, file: object) -> Any:
 def validate(model: type[ModelType], data: Any, *, file: object, code: str) -> ModelType:
     """Return parsed JSON or TOML as a `model`.
 
-    Raise an InputError with `code` if the data of `file` is invalid.
+    If the data of `file` is invalid, raise an InputError with `code`.
 
     The error names the place of the first mistake as a JSON pointer, and the number of further mistakes.
     """

@@ -51,7 +51,7 @@ class FilmTask:
 
     # Dataset and scene of the video. For the video of one method, `names` also includes the model.
     names: tuple[str, ...]
-    # The benchmark jobs in display order: the conditions of one video, or the methods of a grid.
+    # The benchmark jobs in display order. They are the conditions of one video, or the methods of a grid.
     jobs: tuple[Job, ...]
     options: VideosTable
     # The hash of all inputs of the video.
@@ -282,7 +282,10 @@ def label_images(images: Sequence[NDArray[Any]], titles: Sequence[str]) -> NDArr
 
 
 def _draw_title(picture: Image, title: str, corner: tuple[int, int], height: int) -> None:
-    """Draw a title with its top left at `corner`. The font size suits a panel of `height` pixels."""
+    """Draw a title with its top left at `corner`.
+
+    The font size depends on `height`, the height of a panel in pixels.
+    """
     from PIL import ImageDraw, ImageFont
 
     size = round(height * _TITLE_HEIGHT)

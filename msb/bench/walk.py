@@ -44,12 +44,12 @@ _CHANGE_GAIN = 16
 
 
 class _FrameChange(NamedTuple):
-    """The measurements of one frame, compared with the previous and the next frame."""
+    """The changes in one frame, compared with the previous and the next frame."""
 
     # Sum of the squared changes of pixel values in squared levels, and the number of compared pixels.
     squares: float
     counted: int
-    # Numbers of pixels in holes, and of pixels that show the model or a hole.
+    # The number of pixels in holes, and the number of pixels that show the model or a hole.
     holes: int
     visible: int
     # The image and its magnified changes, both (H, W, 3) uint8.
@@ -74,8 +74,7 @@ def measure_walk(job: Job) -> dict[str, Any]:
     cameras = plan_walk(scene, job.walk)
     squares, counted, missing, visible = 0.0, 0, 0, 0
     worst, worst_frame, film = 0.0, 0, list[_FrameChange]()
-    # The frames of the last second before the current frame. The video shows the second with the most
-    # flicker.
+    # The frames of the second before the current frame. The video shows the second with the most flicker.
     recent: deque[_FrameChange] = deque(maxlen=min(PACE, len(cameras) - 2))
     with open_renderer(job) as renderer:
         for number, change in enumerate(_measure_frames(renderer, cameras, scene)):

@@ -157,9 +157,8 @@ def quaternion_from_rotation(rotation: ArrayLike) -> NDArray[np.float64]:
 
     The quaternion is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 matrix. The eigenvector
     computation is stable for all rotation angles. If the matrix is not exactly a rotation, the nearest
-    rotation is used.
-    Source: I. Y. Bar-Itzhack, New method for extracting the quaternion from a rotation matrix, J. Guidance
-    23(6), 2000.
+    rotation is used. Source: I. Y. Bar-Itzhack, New method for extracting the quaternion from a rotation
+    matrix, J. Guidance 23(6), 2000.
     """
     (a, b, c), (d, e, f), (g, h, i) = np.asarray(rotation, dtype=np.float64)
     symmetric = np.array(

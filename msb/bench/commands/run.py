@@ -102,7 +102,10 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class RunOutput(Output):
-    """An output option. Without --force, it replaces no file except the JSON file of an earlier run."""
+    """An output option.
+
+    If --force is not given, the command replaces no file except the JSON file of an earlier run.
+    """
 
     _remedy: ClassVar[str] = "msb run replaces only JSON files of earlier runs; use another file name"
 
@@ -202,7 +205,7 @@ def _group_failures(report: Report, *, dry: bool) -> dict[Reason, list[str]]:
     """Group the failed benchmark cells and the failed parts of cells by the reason of the failure."""
     failures: dict[Reason, list[str]] = {}
     for row in report.rows:
-        if dry and row.planned.status == "failed":  # these inputs are already listed as missing
+        if dry and row.planned.status == "failed":  # these inputs are already in the list of missing inputs
             continue
         for part, reason in row.reasons.items():
             if not reason.code.startswith("UNSUPPORTED_"):
