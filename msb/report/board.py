@@ -34,10 +34,10 @@ from msb.report.results import LoadedResult, ResultSet, result_set
 from msb.report.safe_names import plain_text
 from msb.report.table import NOT_AVAILABLE, Table, TableCell, TableColumn, TableRow
 
-# Name printed as the submitter of the paper's rows.
+# Name that is printed as the submitter of the paper's rows.
 THE_PAPER = "the paper"
 _MESH = "exported_mesh"
-# Columns that follow the image quality metrics.
+# Columns to the right of the image quality metrics.
 _METRICS = ("fps", "p50_ms", "p95_ms", "memory", "asset_size", "nonmanifold_edge_ratio", "components")
 # Number of hexadecimal digits of a hash in the table of results. The table of files prints all 64 digits.
 _HASH_DIGITS = 12
@@ -157,9 +157,9 @@ def build_board(
 def _name_submissions(submissions: Sequence[Submission]) -> list[str]:
     """Return a unique name for each submission. The name "the paper" is never used.
 
-    If two names look alike, digits of the submissions' hashes are added to the names. Letters of other
-    scripts that resemble Latin letters are not recognised. The hashes in the table of files distinguish
-    similar names.
+    If two names look alike, digits from the hashes of the submissions are added. Letters of other scripts
+    that resemble Latin letters are not recognised. The hashes in the table of files distinguish similar
+    names.
     """
     plain_names = [_plain_name(submission) for submission in submissions]
     count = Counter(map(_visible_form, [THE_PAPER, *plain_names]))
@@ -195,7 +195,7 @@ def _results_table(results: Mapping[str, ResultSet], numbers: Mapping[str, Numbe
     """Return a row for each scene, method, condition and submitter.
 
     `results` and `numbers` map the name of each submitter to its results and numbers. The mesh metrics of a
-    model are repeated in all its rows.
+    model are repeated in all rows of the model.
     """
     metrics = [*QUALITY, *_METRICS]
     rows = []
@@ -253,14 +253,14 @@ def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
 
     def order(row_key: RowKey) -> tuple[Any, ...]:
         dataset, scene, method, condition = row_key
-        mean = means.index(scene) if scene in MEANS else -1  # means follow the scenes
+        mean = means.index(scene) if scene in MEANS else -1  # rows with means follow the rows of scenes
         return datasets[dataset], mean, scene, method, condition_order(condition), condition
 
     return {row_key: names_of[row_key] for row_key in sorted(names_of, key=order)}
 
 
 def _group_records(results: ResultSet) -> dict[RowKey, list[Result]]:
-    """Return the records of each row. The row of a mean has the records of all scenes."""
+    """Return the records of each row. The row of a mean contains the records of all scenes."""
     records: dict[RowKey, list[Result]] = {}
     for loaded in results:
         dataset, scene, method = loaded.place
@@ -306,7 +306,10 @@ def _provenance_cells(records: Sequence[Result]) -> tuple[TableCell, ...]:
 
 
 def _photographs_hash(record: Result) -> str:
-    """Return a hash of the photographs and of the settings for their comparison, or ""."""
+    """Return a hash of the photographs and of the settings for comparing them.
+
+    Without photographs, return "".
+    """
     return str(record.inputs.get("quality", {}).get("photographs", ""))
 
 

@@ -37,8 +37,8 @@ NO_COMPARISON = "--against {}: no other method was measured under the same condi
 # Datasets with few scenes. Tables of these datasets have one column per scene, as in the paper. The tables of
 # other datasets have a row per scene.
 FEW_SCENES = ("tanksandtemples",)
-# For each table of the paper, the function that builds our table, and its dataset. An empty dataset means all
-# datasets.
+# For each table of the paper, the function that builds our table, and the dataset of the table. If the
+# dataset is empty, the function is used for all datasets.
 _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "native_summary": (measurements.native_summary, ""),
     "native_comprehensive_results": (measurements.native_comprehensive_results, ""),
@@ -61,7 +61,7 @@ _PAPER_LABELS = {
     "reproducibility": "reproducibility_comparison",
 }
 
-# Title, introduction and kind of charts of each section, by its name.
+# For each section name, the title, the introduction and the kind of charts.
 _SECTIONS = {
     "deployment": (
         "Quality by condition",
@@ -93,7 +93,7 @@ _SECTIONS = {
         "Features of the representations, and the features that each tier keeps.",
         "",
     ),
-    "scenes": ("Results per scene", "The values behind the means.", ""),
+    "scenes": ("Results per scene", "The values from which the means are computed.", ""),
 }
 
 
@@ -126,7 +126,7 @@ def build_report(
     numbers = collect(results)
     comparisons = [] if against is None else compare_methods(results, numbers, against)
     paper = paper_numbers() if with_paper else Numbers({}, of_paper=True)
-    # If a dataset has a published name but other scenes, remove the paper's numbers for the dataset.
+    # If a dataset has a published name but other scenes, the paper's numbers for the dataset are removed.
     others = [dataset for dataset in numbers.datasets() if numbers.has_other_scenes(dataset)]
     paper = _drop_datasets(paper, others)
     if published:
@@ -173,7 +173,7 @@ def paper_report(*, pictures: bool = True) -> Report:
         Section(
             "derived",
             "Derived numbers",
-            "Gaps and ratios that the paper states in prose, computed from its printed means.",
+            "Gaps and ratios that the paper states in prose, computed from the printed means of the paper.",
             _with_contradictions(*derived, slowdown_table(numbers)),
             tuple(make_figures(numbers)) if pictures else (),
         ),
@@ -229,7 +229,7 @@ def _make_sections(
     if any(key.source for key in paper.values if key.dataset in datasets):
         published += [reproducibility(numbers, paper)]
         published += [reproducibility_statistics(numbers, paper)]
-    # Build the tables of each section. Empty tables are removed below.
+    # Build the tables of each section. Sections without tables are removed below.
     tables_of: dict[str, Iterable[Table]] = {
         "deployment": [
             *(measurements.renderer_comparison(numbers, dataset, paper) for dataset in drawn),
@@ -287,7 +287,7 @@ def _check_chosen(results: ResultSet, chosen: Sequence[str]) -> None:
 
 
 def _drop_datasets(paper: Numbers, datasets: Sequence[str]) -> Numbers:
-    """Return the paper's numbers, except the numbers of `datasets`."""
+    """Return the paper's numbers without the numbers of `datasets`."""
     return replace(
         paper,
         values={key: number for key, number in paper.values.items() if key.dataset not in datasets},
@@ -326,7 +326,7 @@ def _list_changed_files(results: ResultSet, views: Iterable[ComparedView]) -> It
 
 
 def _list_failures(results: ResultSet) -> list[str]:
-    """Return one note per failed cell."""
+    """Return one note per failed benchmark cell."""
     notes = []
     for loaded in results:
         reason = loaded.result.reason

@@ -108,14 +108,14 @@ def collect(results: ResultSet) -> Numbers:
             # the dictionary is empty.
             of_scenes = {scene: of_places.get(Place(dataset, scene, method), {}) for scene in scenes}
             conditions = conditions_of[method]
-            # Add values of single scenes and averages: first those of the conditions, then those of the
+            # Add values of single scenes and averages. First add values of the conditions, then values of the
             # trained model.
             for condition in conditions:
                 metrics = _metrics_of(condition)
                 _add_condition(values, views, dataset, method, condition, metrics, of_scenes)
             _add_condition(values, views, dataset, method, "non_engine", ASSET_METRICS, of_scenes)
-            # Add differences between conditions and parts of the loss. Both are computed for each scene and
-            # on average.
+            # Add differences between conditions, and add parts of the loss. Both kinds of values are computed
+            # for each scene and on average.
             _add_gaps(gaps, dataset, method, list_gap_pairs(conditions, renderers), of_scenes)
             expected = expected_scenes(dataset, scenes)
             for scene, averaged in {**{scene: (scene,) for scene in scenes}, MEAN: expected}.items():
@@ -165,7 +165,7 @@ def _collect_views(records: Mapping[Place, Mapping[str, Result]]) -> dict[Key, d
 
 
 def _sort_names(names: Iterable[str], first: Iterable[str]) -> list[str]:
-    """Return `names` in the order of `first`. All other names follow in natural order."""
+    """Return `names` sorted like `first`. Names that `first` does not contain follow in natural order."""
     order = list(first)
 
     def rank(name: str) -> tuple[int, list[Any]]:
@@ -242,7 +242,7 @@ def _add_condition(
 def _floor_number(metric: str, result: Result | None, number: Number) -> Number:
     """Return the renderer's cost of a single triangle.
 
-    `number` is the cost of the mesh, which is returned if its value is missing.
+    If the value of `number` (the cost of the mesh) is missing, `number` is returned.
     """
     if number.value is None:
         return number
@@ -266,7 +266,7 @@ def _with_interval(number: Number, keys: Sequence[Key], views: Mapping[Key, Mapp
 def _find_asset_record(conditions: Mapping[str, Result], metric: str) -> Result | None:
     """Return a record with a value of a metric of the trained model.
 
-    If no such record exists, return a record that explains the missing value.
+    If no record contains a value, return a record that explains the missing value.
     """
     for result in conditions.values():
         if METRICS[metric].get(result) is not None:
@@ -403,10 +403,10 @@ def _add_gaps(
 def _add_setup_notes(
     values: Mapping[Key, Number], records: Mapping[Place, Mapping[str, Result]]
 ) -> dict[Key, Number]:
-    """Add notes to image metrics if the setups of the methods differ, and return the new values."""
+    """If the setups of the methods differ, add notes to image metrics. Return the new values."""
     setups: dict[Place, dict[str, str]] = {}
     counts: dict[tuple[str, ...], Counter[str]] = defaultdict(Counter)
-    # Collect the notes of each method on a dataset or on a single scene. Dictionaries keep the notes unique
+    # For each method on a dataset or on a single scene, collect the notes. Dictionaries keep the notes unique
     # and in order.
     notes: dict[tuple[str, ...], dict[str, None]] = defaultdict(dict)
     for place, conditions in records.items():

@@ -112,7 +112,7 @@ def select_views(
     ----------
     results : ResultSet
     places : sequence of Place
-        Assets of one dataset.
+        The assets of one dataset.
     chosen : sequence of str
         "SCENE/IMAGE", as in the records.
     """

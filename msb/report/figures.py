@@ -53,7 +53,7 @@ _CONDITION_MARKERS = {"non_engine": "*", "dedicated": "s", "standard": "^"}
 _VARIANT_MARKERS = ("D", "P", "X", "v")
 # Placeholders for the text and page colours, which are replaced when the figure is embedded or saved.
 _INK, _PAPER = "#010203", "#fdfcfb"
-# Width and height of a chart in inches, about the width of a phone's screen.
+# Width and height of a chart in inches. The width is about the width of a phone's screen.
 _SIZE = (4.6, 3.3)
 # Width of a sheet of images in inches (the text width of a paper), and height of row labels in inches.
 _SHEET_WIDTH, _LABEL_HEIGHT = 7.0, 0.2
@@ -107,11 +107,11 @@ def make_figures(numbers: Numbers, paper: Numbers | None = None) -> list[Figure]
 
 
 def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
-    """Return the chart of PSNR under Non-Engine, Dedicated and Standard, with a line per method.
+    """Return the chart of PSNR under Non-Engine, Dedicated and Standard, with a line for each method.
 
     The result is None if no method has values of two conditions.
     """
-    # For each method, collect the points of its line: condition number and PSNR in dB.
+    # For each method, collect the points of its line: condition index and PSNR in dB.
     lines = {
         (method, dedicated): points
         for dedicated in ("dedicated", *numbers.variants(dataset, "dedicated"))
@@ -149,7 +149,7 @@ def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
 
 
 def _condition_means(numbers: Numbers, dataset: str, method: str, dedicated: str) -> list[tuple[int, float]]:
-    """Return pairs of condition number and mean PSNR in dB.
+    """Return pairs of condition index and mean PSNR in dB.
 
     The means are averages over the scenes that have values of all conditions.
 
@@ -225,7 +225,7 @@ def plot_quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
 
     The result is None if the chart would have fewer than two points.
     """
-    # For each method, list its points: condition, frames per second and PSNR in dB.
+    # For each method, list its points in the chart: condition, frames per second and PSNR in dB.
     points: dict[str, list[tuple[str, float, float]]] = {}
     conditions = [
         name for name in numbers.conditions(dataset) if not name.startswith(("standard/", f"{BAKED}/"))
@@ -338,7 +338,7 @@ def _choose_styles(numbers: Numbers) -> dict[str, dict[str, Any]]:
 
     Methods have different styles, and the style of a method is the same in all charts.
 
-    A built-in method has the same style in every report. Labels and methods of other packages get the
+    A built-in method has the same style in every report. Labels, and methods of other packages, get the
     remaining styles.
     """
     models = [method for dataset in numbers.datasets() for method in numbers.methods(dataset)]
@@ -488,7 +488,7 @@ def _write_canvas(
         warnings.filterwarnings("ignore", "Glyph", UserWarning)
         canvas = Canvas(figsize=size, layout="constrained")
         lay_out(canvas)
-        # Without dates and program versions, equal charts give equal files.
+        # If dates and program versions are omitted, equal charts give equal files.
         omitted = {"svg": ("Date", "Creator"), "pdf": ("CreationDate", "Creator", "Producer")}
         canvas.savefig(file, format=form, metadata=dict.fromkeys(omitted[form]))
     return file.getvalue()

@@ -42,7 +42,7 @@ _ALWAYS_KEPT = ("slowdown", "engine_slowdown", "walk", "structure", "training", 
 _MINOR = ("monotone", "same_ranking", "training", "unsupported")
 # A PSNR difference below this value, in dB, is printed as 0.00.
 _MIN_DIFFERENCE = 0.005
-# Metrics of cost, and the condition under which methods are compared in each metric.
+# Metrics of cost. For each metric, the condition under which methods are compared.
 _COSTS = {
     "chamfer": "non_engine",
     "fps": "dedicated",
@@ -56,7 +56,7 @@ _GAPS: dict[GapName, str] = {"adapt": "adaptation", "port": "portability", "depl
 
 @dataclass(frozen=True)
 class Finding:
-    """One or more sentences. `kind` is the topic, and `table` is the label of the table with the numbers."""
+    """One or more sentences on the topic `kind`. `table` is the label of the table with the numbers."""
 
     kind: str
     sentence: str
@@ -64,7 +64,7 @@ class Finding:
 
 
 class _Case(NamedTuple):
-    """A value of a method on a dataset, and a text that describes it. Cases are sorted by value."""
+    """A value of a method on a dataset, and a text that describes it. Cases are sorted by this value."""
 
     value: float
     dataset: str
@@ -128,7 +128,8 @@ def _describe_significance(difference: Interval | None) -> str:
 def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Finding]:
     """Return at most twelve findings, the most important finding first.
 
-    `first` contains further findings that precede all others. The kinds in `_ALWAYS_KEPT` are never dropped.
+    `first` contains further findings that are placed before all others. Findings of the kinds in
+    `_ALWAYS_KEPT` are never dropped.
     """
     findings = [
         *first,
@@ -311,7 +312,7 @@ def _describe_not_monotone(
     def excess(place: tuple[str, str, str]) -> float:
         return broken[place][0][1].triangle_excess or 0.0
 
-    # Describe the case with the largest excess by its first metric. Only name all other cases.
+    # Describe the case with the largest excess by its first metric. All other cases are only named.
     first, *others = sorted(broken, key=excess, reverse=True)
     (dataset, method, dedicated), cases = first, broken[first]
     title, (key, gaps) = _format_condition(dedicated), cases[0]
@@ -409,7 +410,7 @@ def _leader_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _find_leaders(numbers: Numbers, dataset: str, condition: str) -> dict[str, list[str]]:
-    """Return the metrics that each method leads, with values.
+    """Return the metrics in which each method is best, with the values.
 
     The result is empty if no image quality was measured.
     """

@@ -30,7 +30,7 @@ PAPER_ROW = "in the paper"
 
 @dataclass(frozen=True)
 class RowSpec:
-    """A table row without numbers. The numbers are added later.
+    """A row of a table before its numbers are added.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ def _scene_count(parts: Mapping[str, Any]) -> str:
 
 
 def mark_best(cells: Sequence[TableCell], groups: Sequence[Hashable], *, single: bool) -> list[TableCell]:
-    """Return `cells` with the best value of each group and metric in bold.
+    """Return `cells`. The best value of each group and metric is bold.
 
     Values with the same printed text are also bold.
 
@@ -167,7 +167,7 @@ def mark_best(cells: Sequence[TableCell], groups: Sequence[Hashable], *, single:
     groups : sequence of hashable
         The group of each cell. Cells with the group None are never marked.
     single : bool
-        Whether a value is bold if its group has no other value.
+        Whether a value is bold if it is the only value of its group.
     """
     # the positions of the compared cells, for each (group, metric)
     rivals: dict[tuple[Hashable, str], list[int]] = {}
@@ -194,7 +194,7 @@ def _round_as_printed(cell: TableCell) -> float:
 def _make_rows(
     numbers: Numbers, grid: list[tuple[RowSpec, list[Key]]], best_of: Sequence[str]
 ) -> list[TableRow]:
-    """Return the rows of `grid` with their cells. The best values are bold."""
+    """Return the rows of `grid` with their table cells. The best values are bold."""
     keys = [key for _, row_keys in grid for key in row_keys]
     values = [numbers.number(key) for key in keys]
     # A frame rate measured on a CPU is never marked as the best.

@@ -75,7 +75,7 @@ class RepairComparison:
     advice : tuple of str
         Recommended repairs as sentences.
     plan : str or None
-        The plan that the first sentence recommends, for `msb repair --plan`.
+        The plan for `msb repair --plan` that the first sentence recommends.
     pictures : tuple of (str, str)
         Name and image of each strategy that cut edges, removed faces or added faces.
     """
@@ -87,7 +87,10 @@ class RepairComparison:
 
 
 def read_repairs(loaded: LoadedResult | None) -> RepairComparison | None:
-    """Return the repair strategies in the record of an exported mesh. Without strategies, return None."""
+    """Return the repair strategies in the record of an exported mesh.
+
+    If the record has no strategies, return None.
+    """
     if loaded is None or loaded.result.repairs is None:
         return None
     stored, *others = loaded.result.repairs.succeeded
@@ -112,7 +115,8 @@ def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], st
         All strategies that ran.
     """
     better = [strategy for strategy in others if _grade(strategy) < _grade(stored)]
-    # Recommend the best strategy that changes no pixel, and the best strategy that changes the image.
+    # Recommend the best strategy that changes no pixel. Also recommend the best strategy that changes the
+    # image.
     invisible = min(
         (strategy for strategy in better if strategy.peer is None and strategy.looks.standard.same),
         key=_rank,
@@ -121,7 +125,7 @@ def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], st
     visible = min(
         (strategy for strategy in better if not strategy.looks.standard.same), key=_rank, default=None
     )
-    # The second strategy is recommended only if its result is better than the first strategy's result.
+    # The second strategy is recommended only if its result is better than the result of the first strategy.
     sentences, plan = [], None
     if invisible is not None:
         plan = ",".join(invisible.plan)

@@ -56,7 +56,7 @@ class Comparison(NamedTuple):
 
 
 def compare_methods(results: ResultSet, numbers: Numbers, other: str) -> list[Comparison]:
-    """For each dataset, condition and metric, compare every method with the method `other`."""
+    """For each dataset, condition and metric, compare all other methods with the method `other`."""
     methods = sorted({place.method for place in results.places})
     if other not in methods:
         text = f'--against: the results hold no method "{shorten(other, 60)}"; name one of '
@@ -75,7 +75,7 @@ def compare_methods(results: ResultSet, numbers: Numbers, other: str) -> list[Co
 
 def _compute_gap(results: ResultSet, numbers: Numbers, key: Key, other: str) -> Gap:
     """Return the gap between the method `other` and the method at `key`."""
-    # For each scene and method, collect the record under the condition of `key`.
+    # For each scene and method, collect the record for the condition of `key`.
     scenes = numbers.scenes(key.dataset)
     records = {
         scene: {
@@ -91,7 +91,8 @@ def _compute_gap(results: ResultSet, numbers: Numbers, key: Key, other: str) -> 
 
 def comparison_table(comparisons: list[Comparison], numbers: Numbers, other: str) -> Table:
     """Return the table with a row per comparison."""
-    # Collect the p values of all comparisons with a test. Comparisons without a test are not adjusted.
+    # Collect the p values of all comparisons that have a test. If a comparison has no test, its p value is
+    # not adjusted.
     p = {
         n: interval.p
         for n, comparison in enumerate(comparisons)
@@ -123,7 +124,7 @@ def comparison_table(comparisons: list[Comparison], numbers: Numbers, other: str
 def comparison_findings(comparisons: list[Comparison], other: str) -> Iterator[Finding]:
     """Yield a finding on PSNR for each dataset.
 
-    Both tiers are compared, or all conditions if the tiers are missing.
+    If both tiers exist, they are compared, otherwise all conditions are compared.
 
     If several conditions have the same result, one sentence names all of them.
     """
@@ -131,8 +132,8 @@ def comparison_findings(comparisons: list[Comparison], other: str) -> Iterator[F
     for dataset in dict.fromkeys(case.key.dataset for case in cases):
         of_dataset = [case for case in cases if case.key.dataset == dataset]
         tiers = [case for case in of_dataset if case.key.condition in DRAWN_CONDITIONS]
-        # For each result text, collect the conditions with this result. Samples (scenes or views) are kept
-        # separate.
+        # For each result text, collect the conditions with this result. Results over scenes and results over
+        # views are collected separately.
         conditions: dict[tuple[str, str], list[str]] = {}
         for case in tiers or of_dataset:
             assert case.gap.interval is not None

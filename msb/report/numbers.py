@@ -24,13 +24,13 @@ MEAN = "mean"
 # The cost of a single triangle, averaged over the scenes. The cost of a single triangle does not depend on
 # the mesh.
 FLOOR = "floor_mean"
-# The heading of each row of averages. The keys are values of `Key.scene`.
+# The heading of each row of averages. The keys of the mapping are values of `Key.scene`.
 MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean", FLOOR: "Floor"}
 
 # Conditions with images, in the order of decreasing quality: Non-Engine, Dedicated, Standard.
 DRAWN_CONDITIONS = tuple(TIER_OF)
 
-# Image quality metrics. The mapping is filled on first access, because other packages can add metrics.
+# Image quality metrics. The mapping is filled at the first access, because other packages can add metrics.
 QUALITY = IMAGE_METRICS
 # Metrics of the trained model, independent of the renderer. Tables show metrics of the trained model beside
 # the Non-Engine results.
@@ -87,7 +87,7 @@ class Number:
     absent : str
         Text printed for a missing value: "N/A" (not supported), "unsteady" or "--".
     reason : str or None
-        Why the value is missing.
+        The reason for a missing value.
     present, expected : int
         The number of averaged scenes, and the number of all scenes.
     notes : tuple of str
@@ -106,7 +106,7 @@ class Number:
 
 
 class GapKey(NamedTuple):
-    """The key of the three quality gaps of a method.
+    """The key of a method's three quality gaps.
 
     `scene` is the name of a scene, or "mean". `standard` and `dedicated` name the two conditions that are
     compared. By default, the two tiers are compared. `standard` can also be another engine or a bake.
@@ -146,7 +146,7 @@ class RatioKey(NamedTuple):
 
 @dataclass(frozen=True)
 class Numbers:
-    """All numbers of a set of results, or of the paper.
+    """All numbers of a set of results, or all numbers of the paper.
 
     Attributes
     ----------
@@ -159,9 +159,10 @@ class Numbers:
     drawn_by : mapping of str to a mapping of str to str
         The renderer by dataset and condition: "OpenCL", the name of an engine, or "their own code".
     verdicts : mapping of Key to str
-        Audit verdict ("ok", "limited", "bad") of each exported or baked mesh. The keys have the metric "".
+        Audit verdict ("ok", "limited", "bad") of each exported or baked mesh. The keys contain "" in place of
+        a metric.
     of_paper : bool
-        Whether these are the paper's numbers.
+        Whether the numbers are the paper's numbers.
     """
 
     values: Mapping[Key, Number]
@@ -197,7 +198,7 @@ class Numbers:
         conditions : str
             Only methods with a record of one of these conditions are returned.
         asset_metrics : sequence of str
-            Methods with a value of one of these metrics of the trained model are also returned.
+            Methods whose trained model has a value of one of these metrics are also returned.
         """
         keys = (
             key
@@ -245,7 +246,7 @@ class Numbers:
 
     @cached_property
     def _keys(self) -> dict[str, list[Key]]:
-        """The keys of all numbers, by dataset."""
+        """For each dataset, the keys of all numbers."""
         keys: dict[str, list[Key]] = {}
         for key in self.values:
             keys.setdefault(key.dataset, []).append(key)
@@ -275,8 +276,9 @@ def select_variants(conditions: Iterable[str], condition: str) -> list[str]:
 def list_gap_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
     """Return all pairs of conditions (standard, dedicated) for quality gaps.
 
-    The two tiers form a pair. Standard also forms a pair with each variant of Dedicated. Each engine and each
-    bake is paired with Dedicated. If one engine draws both tiers, its two conditions also form a pair.
+    The two tiers form a pair. Standard also forms a pair with each variant of Dedicated. Each engine forms a
+    pair with Dedicated. Each bake also forms a pair with Dedicated. If one engine draws both tiers, its two
+    conditions also form a pair.
     """
     variants = select_variants(conditions, "dedicated")
     pairs = [

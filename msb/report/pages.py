@@ -41,7 +41,7 @@ def report_files(
     topology: Mapping[Place, bytes] | None = None,
     folder: Path | None = None,
 ) -> dict[str, bytes]:
-    """Return the content of every file of the report, by file name.
+    """Return the content of every file of the report. The keys are file names.
 
     Parameters
     ----------
@@ -51,14 +51,14 @@ def report_files(
     topology : mapping of Place to bytes, optional
         The topology diagnostic of each asset, as PNG.
     folder : Path, optional
-        The output folder; links to large videos are relative to this folder.
+        The output folder. Links to large videos are relative to this folder.
 
     Notes
     -----
-    ``report.json`` is always written. Other files, by format: ``report.md``, ``figures/*.svg`` and
-    ``images/*.jpg`` (md), ``figures/*.pdf`` and ``figures/topology-*.png`` (tex), ``tables/LABEL.*`` (md,
-    tex, csv, json), ``index.html`` and ``verdict-DATASET-SCENE-METHOD.html`` (html). Pages embed all data
-    except large videos.
+    ``report.json`` is always written. The file names depend on the format. Markdown: ``report.md``,
+    ``figures/*.svg`` and ``images/*.jpg``. LaTeX: ``figures/*.pdf`` and ``figures/topology-*.png``. Tables:
+    ``tables/LABEL.*`` (md, tex, csv, json). HTML: ``index.html`` and ``verdict-DATASET-SCENE-METHOD.html``.
+    Pages embed all data except large videos.
     """
     # Write the JSON of the whole report, and all tables in the text formats.
     text = json.dumps(report.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
@@ -137,7 +137,7 @@ def _make_verdict_page(
 
 
 def _find_video(report: Report, place: Place, folder: Path | None) -> dict[str, str] | None:
-    """Return the video of all conditions of an asset, or None if the video does not exist."""
+    """Return the video that shows all conditions of an asset. If the video does not exist, return None."""
     assert report.results is not None
     for root in report.results.roots:
         if film := _embed_film(Results(root).video(*place), root, folder):
@@ -161,7 +161,7 @@ def _find_walks(
 def _embed_film(path: Path, root: Path, folder: Path | None) -> dict[str, str] | None:
     """Return a video in the results folder `root` as {"data": data URI} or {"link": relative path}.
 
-    Films up to `MAX_EMBEDDED_FILM` bytes are embedded. The result is None if the file does not exist.
+    Videos up to `MAX_EMBEDDED_FILM` bytes are embedded. If the file does not exist, the result is None.
     """
     # ignore an unreadable file, an invalid name, and a file on another drive
     with suppress(OSError, ValueError):

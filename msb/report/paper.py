@@ -42,10 +42,11 @@ PAPER_TABLES = (
     "reproducibility_comparison",
 )
 
-# Our name of each method, by the paper's name. Built-in methods are stored last. If a method of another
-# package has the same paper name, the built-in method replaces it.
+# For each method name in the paper, our name of the method. Built-in methods are stored last. If a method of
+# another package has the same paper name, the built-in method replaces it.
 OUR_METHODS = {method.paper_name: name for name, method in reversed([*METHODS.items()]) if method.paper_name}
-# Our metric name (a key of `msb.bench.aggregate.METRICS`) for each metric name of the paper that differs.
+# For each metric name in the paper that differs from ours, our metric name (a key of
+# `msb.bench.aggregate.METRICS`).
 _OUR_METRICS = {
     "gpu_ms_p50": "p50_ms",
     "gpu_ms_p95": "p95_ms",
@@ -103,10 +104,10 @@ class _PublishedTable(BaseModel):
 
 
 def paper_numbers(*tables: str) -> Numbers:
-    """Return the numbers of the paper's tables in the paper's order.
+    """Return the numbers of the paper's tables. The order is the paper's order.
 
     `tables` are labels of tables. By default, all tables are read. If two tables contain different numbers
-    for one key, both numbers are kept. Their values of `Key.source` differ.
+    for one key, both numbers are kept. Their values of `Key.source` are different.
     """
     values: dict[Key, Number] = {}
     for label in tables or PAPER_TABLES:
@@ -121,14 +122,16 @@ def paper_numbers(*tables: str) -> Numbers:
 
 
 def paper_row(table: str, **where: str) -> dict[str, float]:
-    """Return the printed values of one row of a paper table, by metric. The fields in `where` select the row.
+    """Return the printed values of one row of a paper table. The keys are metrics.
+
+    The fields in `where` select the row.
 
     Parameters
     ----------
     table : str
         Label without its prefix, as in ``paper_tables/mesh_connectivity.json``.
     **where : str
-        Fields of `Key` and the values they must have, such as ``scene="mean"``.
+        The fields of `Key` with their required values, such as ``scene="mean"``.
 
     Returns
     -------
@@ -197,7 +200,7 @@ def _convert_cell(cell: _PublishedCell) -> tuple[Key, Number]:
 
 
 def as_in_paper(method: Method) -> Method:
-    """Return the declaration of a method as the paper prints it. The paper does not render Gaussians."""
+    """Return the features of a method as the paper prints them. The paper does not render Gaussians."""
     if method.primitive == "triangle":
         return method
     retained: dict[Tier, Retained] = {

@@ -46,8 +46,8 @@ def find_swaps(
 ) -> list[tuple[str, str]]:
     """Return the pairs of methods whose order differs between two rankings.
 
-    In both rankings, the two methods must differ by at least one unit of the last printed digit. `before` is
-    ranked by `metric`, and `after` is ranked by `after_metric`.
+    In both rankings, the two methods must differ by at least one unit of the last printed digit. The first
+    ranking uses `metric`, and the second ranking uses `after_metric`.
     """
     values = dict(after)
     return [
@@ -62,14 +62,14 @@ def find_most_certain_swap(
 ) -> Interval:
     """Return the t test of the most significant pair of methods among `swaps`.
 
-    Two methods are swapped if their order differs between the two conditions.
+    Two methods are a swapped pair if their order differs between the two conditions.
 
     For each pair, the difference between the two methods is tested under both conditions. The p value of the
     pair is the larger p value of these two tests. The pair with the smallest p value is returned.
     """
 
     def p_value(difference: Interval) -> float:
-        # an untested difference gets a value above every p value
+        # if a difference was not tested, its value is larger than every p value
         return 2.0 if difference.p is None else difference.p
 
     def test_difference(pair: tuple[str, str], condition: str) -> Interval:

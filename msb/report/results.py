@@ -69,7 +69,7 @@ class LoadedResult:
 
 @dataclass(frozen=True)
 class ResultSet:
-    """Records by asset and condition, with notes on differing records and missing metrics."""
+    """Records by asset and condition. Notes explain differing records and missing metrics."""
 
     places: Mapping[Place, Mapping[str, LoadedResult]]
     notes: tuple[str, ...] = ()
@@ -110,7 +110,7 @@ def read_results(*folders: str | os.PathLike[str], allow_mixed: bool = False) ->
 
 
 def result_set(records: Sequence[LoadedResult], *, allow_mixed: bool = False) -> ResultSet:
-    """Return `records` by asset and condition. The errors are those of `read_results`."""
+    """For each asset and condition, return the record. The errors are the errors of `read_results`."""
     conflicts = _find_conflicts(records)
     names = _shorten_folders(records)
     records = [
@@ -176,7 +176,7 @@ def _find_differences(records: Iterable[LoadedResult]) -> Iterator[str]:
 
 
 def _find_conflicts(records: Sequence[LoadedResult]) -> dict[Place, str]:
-    """Return the difference between records of one cell in two folders, by dataset and model."""
+    """For each model, return the difference between records of one benchmark cell in two folders."""
     first_records: dict[tuple[str, ...], LoadedResult] = {}
     conflicts: dict[Place, str] = {}
     names = _shorten_folders(records)

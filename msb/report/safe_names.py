@@ -5,7 +5,7 @@ import re
 import unicodedata
 
 # Maximum length of the readable part of a slug, in characters. File systems allow names of 255 bytes. The
-# file name of a verdict page contains three such names.
+# file name of a verdict page contains three slugs.
 _MAX_SLUG_LENGTH = 60
 
 

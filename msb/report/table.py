@@ -28,7 +28,7 @@ class TableCell:
     value : float, bool, str or None
         The unrounded value in `unit`. The value is None for "N/A" and "--".
     metric, unit : str
-        Metric and unit; empty if the value is not a measurement.
+        Metric and unit. Both are empty if the value is not a measurement.
     bold : bool
         Whether the value is printed bold. Usually, bold marks the best value of a group.
     reason : str or None
@@ -54,7 +54,7 @@ class TableCell:
 
     @property
     def footnotes(self) -> tuple[str, ...]:
-        """The notes of this table cell. A reason for a missing value is the first note."""
+        """The notes of this table cell. If the value is missing, the first note is the reason."""
         return self.notes if self.reason is None else (self.reason, *self.notes)
 
     @property
@@ -122,7 +122,7 @@ class TableRow:
     strong : bool
         Whether the row contains means.
     paper : bool
-        Whether the row contains the paper's numbers, which are printed below ours.
+        Whether the row contains the paper's numbers. These rows are printed below ours.
     """
 
     labels: tuple[str, ...]
@@ -151,7 +151,7 @@ class Table:
     def spans(self, level: int) -> list[tuple[str, int]]:
         """Return the headings of one level from left to right.
 
-        A heading has the number of columns below it.
+        Each heading is returned with the number of columns below it.
         """
         # Do not merge equal headings if the headings above them differ.
         paths = (column.groups[: level + 1] if level < len(column.groups) else () for column in self.columns)
@@ -229,7 +229,7 @@ class Table:
 
 
 def _letters(number: int) -> str:
-    """Return the footnote mark with index `number`: "a" to "z", "aa", "ab", ..."""
+    """Return the mark of the footnote with index `number`: "a" to "z", "aa", "ab", ..."""
     name = ""
     number += 1
     while number:

@@ -22,8 +22,8 @@ from msb.report.table import NOT_SUPPORTED
 
 Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN", "NOTE"]
 
-# Minimum PSNR in dB of native renderings against the photographs. Worse renderings cannot serve as a
-# reference.
+# Minimum PSNR in dB of native renderings against the photographs. Native renderings with a lower PSNR cannot
+# serve as a reference.
 MIN_NATIVE_PSNR = 15.0
 # Minimum PSNR in dB between two renderings for each verdict, with the verdict's mark and text.
 _SIMILARITIES: tuple[tuple[float, Mark, str], ...] = (
@@ -41,7 +41,7 @@ _LOSSES: tuple[tuple[float, Mark, str], ...] = (
 # Maximum P95 of the frame time, in milliseconds, for 60 and for 30 frames per second.
 SMOOTH_MS, USABLE_MS = 1000 / 60, 1000 / 30
 # Maximum number of views on which the renderings of two conditions are compared. The compared views are
-# evenly spread over all views. A comparison of more views would take minutes for a complete benchmark.
+# evenly spread over all views. A comparison of more views would take minutes in a complete benchmark.
 _MAX_VIEWS = 8
 _LEVELS: dict[str, Mark] = {"ok": "YES", "limited": "WITH CARE", "bad": "NO"}
 
@@ -78,9 +78,9 @@ class Verdict:
         return f"{method_title(method)} on {scene_title(scene)} ({dataset_title(dataset)})"
 
     def marks(self) -> list[tuple[Mark, list[str]]]:
-        """Return each mark with its uses, the worst mark first.
+        """Return each mark with its uses. The worst mark comes first.
 
-        If all uses have the same mark, the result lists the mark with ["all"].
+        If all uses have the same mark, the list of uses is ["all"].
 
         Uses without a mark (notes) are left out.
         """
@@ -105,7 +105,7 @@ def judge(place: Place, loaded: Mapping[str, LoadedResult], numbers: Numbers) ->
     variants = [name for name in numbers.variants(place.dataset, "dedicated") if name in records]
     dedicated = ["dedicated", *variants]
     bakes = [name for name in numbers.variants(place.dataset, BAKED) if name in records]
-    # Describe the use that the renderings of a condition represent.
+    # Describe the use that each condition with renderings represents.
     uses = {"standard": "Standard-tier mesh, any engine"}
     uses |= {name: f"Model with its native shaders ({condition_title(name)})" for name in dedicated}
     uses |= {name: f"Baked mesh, any engine ({plain_text(name.partition('/')[2])})" for name in bakes}
@@ -144,8 +144,8 @@ def _judge_appearance(
             return Statement("NO", use, f"Not supported: {reason}.")
         return Statement("UNKNOWN", use, f"{_capitalize(reason)}.")
 
-    # Find the reference renderings. Use native renderings as the reference if possible. If native renderings
-    # are missing, compare the Standard condition with the Dedicated condition.
+    # Find the reference renderings. Use native renderings as the reference if they are comparable. If native
+    # renderings are missing, compare the Standard condition with the Dedicated condition.
     tier = "dedicated" if condition.startswith("dedicated") else "standard"
     gaps = numbers.gaps.get(GapKey(*place, "psnr", **{tier: condition}))
     gap = None if gaps is None else gaps["deploy" if tier == "standard" else "adapt"]
@@ -314,7 +314,7 @@ def measure_similarity(first: LoadedResult, second: LoadedResult) -> Similarity 
 def _compare_images(
     first: LoadedResult, second: LoadedResult, image: ImageQuality, other: ImageQuality
 ) -> float | None:
-    """Return the PSNR in dB between an image of each record, or None."""
+    """Compare one image of each record, and return the PSNR in dB. If this is impossible, return None."""
     if image.sha256 == other.sha256:
         return PSNR_CAP
     files = first.file(image.file), second.file(other.file)

@@ -20,8 +20,8 @@ from msb.report.table import NOT_AVAILABLE, Table, TableCell
 TableFormat = Literal["md", "tex", "csv", "json"]
 ReportFormat = TableFormat | Literal["html"]
 
-# The LaTeX code that prints each special character. Escape brackets, because LaTeX reads a bracket after
-# ``\\`` as an argument.
+# For each special character, the LaTeX code that prints it. Escape brackets, because LaTeX reads a bracket
+# after ``\\`` as an argument.
 _LATEX = {
     "\\": r"\textbackslash{}",
     "{": r"\{",
@@ -116,7 +116,7 @@ def to_json(table: Table) -> str:
     return json.dumps(table.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
-# The writer of a table for each file extension.
+# For each file extension, the function that writes a table.
 WRITERS: dict[TableFormat, Callable[[Table], str]] = {
     "md": to_markdown,
     "tex": to_latex,
@@ -178,7 +178,7 @@ def _without_empty_columns(table: Table) -> Table:
 def _latex_headings(table: Table) -> list[str]:
     """Return the header lines of a table.
 
-    Each level of headings has a rule below it, and the titles come last.
+    A rule is drawn below each level of headings. The titles come last.
     """
     lines = []
     first = len(table.heads) + 1

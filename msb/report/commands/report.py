@@ -88,7 +88,7 @@ class ReportOptions:
         return cast("list[ReportFormat]", formats)
 
     def printed_format(self) -> TableFormat:
-        """Return the format of printed tables, by default Markdown.
+        """Return the format of printed tables. The default is Markdown.
 
         Raises UsageError if html or several formats are named.
         """
@@ -149,7 +149,7 @@ def report(
         has_output = options.out is not None or options.table is not None
         require(has_output, "Missing output. Pass -o with the folder of the board")
     target = options.out if options.out is not None or not folders else folders[0] / _FOLDER
-    # Print tables without writing files.
+    # Print the tables without writing files.
     if options.table is not None or target is None:
         form = options.printed_format()
         _print_tables(_build(folders, options, output, pictures=False), options.table, form, output)

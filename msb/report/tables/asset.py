@@ -1,4 +1,4 @@
-"""The tables on the page of one asset, and the origins of its numbers."""
+"""The tables on the page of one asset. One table lists the origins of the asset's numbers."""
 
 from collections.abc import Mapping
 
@@ -74,7 +74,7 @@ def asset_tables(place: Place, records: Mapping[str, Result], numbers: Numbers) 
 
 
 def _memory_table(memory: Mapping[str, Memory]) -> Table:
-    """Return the device memory by purpose. `memory` contains the bytes of each condition."""
+    """Return the table of device memory by purpose. For each condition, `memory` contains the bytes."""
     by_driver = any(used.driver_bytes is not None for used in memory.values())
     rows = []
     for condition, used in memory.items():

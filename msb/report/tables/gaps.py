@@ -68,7 +68,7 @@ def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> 
     """Return the gaps of every method and metric on a dataset.
 
     Further rows show gaps of other conditions. An engine or a bake can replace Standard, and a variant can
-    replace Dedicated. If one engine draws both tiers, it can replace both conditions.
+    replace Dedicated. If one engine draws both tiers, its conditions can replace Standard and Dedicated.
     """
     # Each metric has a block of rows: first the two tiers, then engines, bakes and variants.
     rows: list[TableRow] = []
@@ -132,7 +132,7 @@ def scene_gaps_table(numbers: Numbers, place: Place) -> Table:
 
 
 def slowdown_table(numbers: Numbers, paper: Numbers | None = None) -> Table:
-    """Return two kinds of frame rate ratios: Standard to Dedicated, and Dedicated to Non-Engine."""
+    """Return the table with two ratios of frame rates: Standard to Dedicated, and Dedicated to Non-Engine."""
     rows: list[TableRow] = []
     for dataset in numbers.datasets():
         for standard, dedicated in numbers.ratio_pairs(dataset):
@@ -167,7 +167,7 @@ def slowdown_table(numbers: Numbers, paper: Numbers | None = None) -> Table:
 def _gap_cells(numbers: Numbers, key: GapKey) -> dict[str, TableCell]:
     """For each key of `_COLUMNS`, return the table cell of the gaps at `key`."""
     gaps = numbers.gaps.get(key)
-    # For each missing gap, create a cell that gives the reason.
+    # For each missing gap, create a table cell that gives the reason.
     absent = {}
     for name in _NAMES:
         reason = "missing" if gaps is None else gaps[name].reason
@@ -182,7 +182,7 @@ def _gap_cells(numbers: Numbers, key: GapKey) -> dict[str, TableCell]:
         return gap_cell(key.metric, value, gap, ends, sign=signed, interval=signed)
 
     if gaps is None or gaps.monotone is None or gaps.triangle_excess is None:
-        # Give the reason if one of the gaps is missing. A reason of the kind "not supported" (N/A) takes
+        # If one of the gaps is missing, give the reason. A reason of the kind "not supported" (N/A) takes
         # precedence.
         missing = [absent[name] for name in _NAMES if gaps is None or gaps[name].value is None]
         other = TableCell(NOT_AVAILABLE, reason="the two gaps cover different scenes")
@@ -224,12 +224,12 @@ def _end_numbers(numbers: Numbers, key: GapKey, name: GapName) -> list[Number]:
 
 
 def _replace_tiers(key: GapKey, tiers: Iterable[str]) -> list[str]:
-    """Replace the names "standard" and "dedicated" in `tiers` by the conditions of `key`."""
+    """Replace the names "standard" and "dedicated" in `tiers` by the condition names of `key`."""
     return [{"standard": key.standard, "dedicated": key.dedicated}.get(tier, tier) for tier in tiers]
 
 
 def _ratio_cells(numbers: Numbers, key: GapKey) -> tuple[TableCell, ...]:
-    """Return two table cells for each pair of conditions: the ratio of mean frame rates, and its range."""
+    """For each pair of conditions, return two table cells: ratio of mean frame rates, and range."""
     cells: list[TableCell] = []
     for pair in _RATIOS:
         conditions = _replace_tiers(key, pair)
@@ -250,7 +250,7 @@ def _ratio_cells(numbers: Numbers, key: GapKey) -> tuple[TableCell, ...]:
 
 
 def absent_cell(ends: Iterable[Number], reason: str | None, metric: str) -> TableCell:
-    """Return the cell of a missing difference.
+    """Return the table cell of a missing difference.
 
     The text is "N/A" or "unsteady" if a compared number has this text, else "--".
     """
@@ -260,6 +260,6 @@ def absent_cell(ends: Iterable[Number], reason: str | None, metric: str) -> Tabl
         for end in missing:
             if end.absent == absent:
                 return TableCell(absent, None, metric, unit, reason=end.reason)
-    if reason == "unsteady":  # both numbers exist, but the gap is missing for this reason
+    if reason == "unsteady":  # both numbers exist, so this is the only reason for the missing gap
         return TableCell(UNSTEADY, None, metric, unit, reason=REASONS[reason])
     return TableCell(NOT_AVAILABLE, None, metric, unit, reason=REASONS.get(reason or "", reason))

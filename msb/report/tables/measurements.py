@@ -74,7 +74,7 @@ _CONNECTIVITY = {
     "Local structure": ("boundary_edge_ratio", "nonmanifold_edge_ratio", "nonmanifold_vertex_ratio"),
     "Global connectivity": ("lcc_face_ratio", "lcc_area_ratio", "components"),
 }
-# Headings for groups of scenes, by the name of the group's mean.
+# For each mean over a group of scenes, the heading of the group.
 _GROUPS = {"indoor_mean": "indoor scenes", "outdoor_mean": "outdoor scenes"}
 
 
@@ -88,7 +88,7 @@ def native_rows(numbers: Numbers, *, asset_metrics: Sequence[str] = ()) -> list[
 
 
 def _deployment_rows(numbers: Numbers, dataset: str) -> list[RowSpec]:
-    """Return a row per deployed condition and method of a dataset."""
+    """Return a row for each deployed condition of each method on a dataset."""
     conditions = [condition for condition in numbers.conditions(dataset) if condition != "non_engine"]
     return [
         titled_row(condition=condition, method=method)
@@ -115,9 +115,10 @@ def _scene_rows(
     groups : sequence of str
         The groups of scenes of the dataset, in table order.
     group_means : bool
-        Whether each group ends with its mean. If the value is false, only the last row is a mean and is bold.
+        Whether each group ends with its mean. If the value is false, only the last row is a mean, and this
+        row is bold.
     prefix : str
-        First words of each section's name.
+        First words of the name of each section.
     of : mapping of str to str, optional
         Key fields that all rows share.
     """
@@ -194,7 +195,8 @@ def native_comprehensive_results(numbers: Numbers, paper: Numbers | None = None)
 
 
 def renderer_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return a row per condition and metric, and a column per method. The best condition is bold.
+    """Return a table with a row for each condition and metric, and a column for each method. The best
+    condition is bold.
 
     Standard comes before Dedicated, as in the paper.
     """
@@ -233,7 +235,8 @@ def _comparison_order(condition: str) -> int:
 
 
 def scene_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return a row for each deployed condition and method, and a block of columns for each scene.
+    """Return a table with a row for each deployed condition of each method, and a block of columns for each
+    scene.
 
     The best deployment of each method in each scene is bold.
     """
@@ -257,8 +260,8 @@ def scene_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = Non
 
 
 def per_scene(numbers: Numbers, dataset: str, condition: str) -> Table:
-    """Return a row of results for each scene, under one condition. In the table, each method has a block of
-    columns.
+    """Return a table with a row of results for each scene, under one condition. Each method has a block of
+    columns in the table.
 
     The best method of each scene is bold.
     """
@@ -313,7 +316,7 @@ def latency(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Tab
 
 
 def frame_time(numbers: Numbers, dataset: str) -> Table:
-    """Return the parts of the frame time: busy time of the device, idle time and host time."""
+    """Return the table of the parts of the frame time: busy device time, idle time and host time."""
     pairs, omitted = _deployments(numbers, dataset, "p50_ms")
     return make_table(
         numbers,
@@ -330,7 +333,7 @@ def frame_time(numbers: Numbers, dataset: str) -> Table:
 
 
 def walk(numbers: Numbers, dataset: str) -> Table:
-    """Return flicker and holes on a walk, which is a camera path beyond the captured views.
+    """Return the table of flicker and holes on a camera path (walk) beyond the captured views.
 
     Each method's best condition is bold.
     """
@@ -352,7 +355,7 @@ def walk(numbers: Numbers, dataset: str) -> Table:
 
 
 def memory(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return the device memory for each scene and deployment."""
+    """Return the table of device memory for each scene and deployment."""
     pairs, omitted = _deployments(numbers, dataset, "memory")
     # Each condition and method has a column. If the driver reports memory, an additional column shows this
     # memory.
@@ -380,9 +383,12 @@ def memory(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Tabl
 
 
 def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return frame time, memory and asset size of a dataset with few scenes. The scenes are side by side."""
-    # Titles of the columns, by heading and metric. For each scene and each mean, every metric of a block has
-    # a column.
+    """Return the table of frame time, memory and asset size for a dataset with few scenes.
+
+    The scenes are side by side.
+    """
+    # Titles of the columns. The keys are heading and metric. For each scene and each mean, every metric of a
+    # block has a column.
     blocks = {
         "Device time of a frame (ms ↓)": {metric: METRICS[metric].title for metric in _PERCENTILES},
         "Memory (MiB ↓)": {"memory": "Render", "asset_size": METRICS["asset_size"].title},
@@ -415,7 +421,7 @@ def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = No
 def _deployments(
     numbers: Numbers, dataset: str, metric: str, *, bakes: bool = False
 ) -> tuple[list[tuple[str, str]], tuple[str, ...]]:
-    """Return the (condition, method) pairs for a table of `metric`. For each unsupported pair of condition
+    """Return the pairs (condition, method) of a table for `metric`. For each unsupported pair of condition
     and method, return a note.
 
     Bakes are included only if `bakes` is true, because the cost of bakes has a separate table.
@@ -440,7 +446,10 @@ def connectivity_columns() -> list[TableColumn]:
 
 
 def mesh_connectivity(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return the connectivity of every exported mesh of a dataset, triangle soups last. The mean is bold."""
+    """Return the table of connectivity for every exported mesh of a dataset.
+
+    Triangle soups come last. The mean is bold.
+    """
 
     def is_soup(method: str) -> bool:
         mean = Key(dataset, MEAN, method, "exported_mesh", "nonmanifold_vertex_ratio")

@@ -22,8 +22,8 @@ from msb.report.paper import PUBLISHED_LPIPS
 from msb.report.table import NOT_AVAILABLE, Table, TableCell, TableColumn, TableRow
 from msb.report.tables.measurements import native_rows
 
-# Headings of the values of `Key.source`: the method's paper, its public code, the benchmark's paper, and this
-# run.
+# For each value of `Key.source`, the heading: the method's paper, its public code, the benchmark's paper, or
+# this run.
 SOURCES = {"paper": "Paper", "public": "Public", "meshsplatbench": "MeshSplatBench paper", "": "This run"}
 
 
@@ -46,7 +46,7 @@ class PublishedPair(NamedTuple):
 
 
 def reproducibility(numbers: Numbers, paper: Numbers | None = None) -> Table:
-    """Return a row per dataset and method, with a block of columns per source.
+    """Return a table with a row for each dataset and method, and a block of columns for each source.
 
     The best value of a block is bold.
     """
@@ -96,7 +96,7 @@ def list_notes(pairs: Iterable[PublishedPair]) -> list[str]:
 
 
 def reproducibility_statistics(numbers: Numbers, paper: Numbers) -> Table:
-    """Return statistics of the differences d = ours - published, with a row per source and metric.
+    """Return a table of statistics of the differences d = ours - published. Each source and metric has a row.
 
     The columns are the number of pairs, mean |d|, max |d|, and the pair with the largest |d|.
     """
