@@ -12,13 +12,13 @@ from msb.metrics.dtu_data import DtuScan, read_dtu_scan
 from msb.metrics.identity import Definition
 from msb.metrics.sampling import mesh_arrays, sample_surface, thin
 
-# Spacing of the samples, and radius of the thinning, in mm, as in the benchmark.
+# Spacing of the samples and radius of the thinning in mm, as in the benchmark.
 DENSITY = 0.2
 # Points within this margin of the bounding box are also measured. Margin in mm at the lower corner. The
 # margin at the upper corner is twice as wide, as in the official code.
 PATCH = 60.0
-# Distances of this many mm or more are excluded from the averages. Distances above the limit are excluded,
-# not clipped.
+# Distances of this many mm or more are excluded from the averages. Distances above the limit are excluded
+# from the averages. They are not clipped.
 MAX_DISTANCE = 20.0
 # Number of query points per batch of the neighbour search.
 _QUERIES = 1 << 20
@@ -52,8 +52,8 @@ def chamfer_dtu(
     -------
     dict
         In mm: "mean_d2s" (mesh to scan: accuracy), "mean_s2d" (scan to mesh: completeness) and their average
-        "overall". A value that cannot be computed is None, and "reason" explains why. Further keys: "scan",
-        "seed", "identity", and the number of points at each stage ("n_...").
+        "overall". A value that cannot be computed is None, and "reason" explains why. Further keys are
+        "scan", "seed", "identity", and the number of points at each stage ("n_...").
 
     Raises
     ------
@@ -144,7 +144,7 @@ def _measure_distances(
     tree = cKDTree(targets)
     parts = []
     for start in range(0, len(queries), _QUERIES):
-        # The upper bound shortens the search for distant queries.
+        # An upper bound makes the search faster for distant queries.
         nearest, _ = tree.query(queries[start : start + _QUERIES], distance_upper_bound=limit, workers=-1)
         parts.append(nearest[nearest < limit])
     return np.concatenate(parts)

@@ -14,8 +14,8 @@ from msb.errors import InputError, MetricError
 from msb.meshes import read_mesh
 from msb.metrics.matlab import find_variables
 
-# Maximum number of voxels. All published scans have fewer voxels. Zeros are compressed a thousandfold, so a
-# small file can declare an array that exhausts the memory.
+# Maximum number of voxels. All published scans have fewer voxels. Zeros are compressed a thousandfold.
+# Therefore a small file can declare an array that exhausts the memory.
 _MAX_VOXELS = 1 << 29
 # Largest absolute value in a file. The values of real scans are far smaller. Computations with values up to
 # this limit do not overflow.

@@ -38,8 +38,8 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
     Returns
     -------
     float
-        The PSNR in dB; inf for equal images. The mean squared error is over all pixels and channels, in
-        float64.
+        The PSNR in dB; inf for equal images. The mean squared error is computed over all pixels and channels,
+        in float64.
 
     Raises
     ------
@@ -64,8 +64,8 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
 def psnr_of_mse(mse: float) -> float:
     """Return the PSNR in dB of a mean squared error of values in [0, 1]; inf if the error is 0.
 
-    For bytes, divide the mean squared error by 255^2 before the call. Callers decide how to print or average
-    an infinite PSNR: as `PSNR_CAP`, as None or as "equal".
+    If the images are bytes, divide the mean squared error by 255^2 before the call. Callers decide how to
+    print or average an infinite PSNR: as `PSNR_CAP`, as None or as "equal".
     """
     return math.inf if mse == 0 else -10 * math.log10(mse)
 

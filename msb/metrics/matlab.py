@@ -30,7 +30,7 @@ _ENDS = "the file ends within a variable"
 
 @dataclass(frozen=True)
 class Variable:
-    """An array in a MATLAB file. The values are not read yet."""
+    """An array in a MATLAB file. The values of the array are not read yet."""
 
     name: str
     # Values as stored, without a check.

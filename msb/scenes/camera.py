@@ -53,7 +53,7 @@ class Camera:
     image_path : Path, optional
         The path of the photograph in the dataset; the file may be missing.
     source_size : (int, int), optional
-        The recorded image width and height, if they differ from this camera's size.
+        The recorded image width and height, if this camera has another size.
     split : {"train", "val", "test"}, optional
         The part of the dataset that contains the camera, if the dataset states it.
     unit : float

@@ -26,12 +26,12 @@ _POINT = struct.Struct("<Q3d3BdQ")
 _POINT_TRACK_LENGTH = _POINT.size - _COUNT.size
 _TRACK_ELEMENT = struct.Struct("<ii").size
 _POINT_2D = struct.Struct("<ddq").size
-# Number of points that are gathered at once, to limit temporary memory.
+# Number of points that are read at once, to limit temporary memory.
 _POINTS_AT_A_TIME = 1 << 14
 
 
 class _Cursor:
-    """A read position in a binary file. The position never moves past the end of the file."""
+    """A position for reading in a binary file. The position never moves past the end of the file."""
 
     def __init__(self, source: Source) -> None:
         self.source = source
@@ -71,7 +71,7 @@ class _Cursor:
         return start
 
     def finish(self) -> None:
-        """Raise an error if bytes are left."""
+        """If bytes are left, raise an error."""
         if self.at < self.size:
             text = f"{self.size - self.at} bytes follow the last declared record"
             raise self.source.error("COLMAP_INVALID", text, pointer=self.pointer)
@@ -97,7 +97,7 @@ def count_shots(source: Source) -> int:
 
 
 def read_shots(source: Source) -> Iterator[Shot]:
-    """Yield the records of images.bin, without the 2D points."""
+    """Yield the records of images.bin. The 2D points are skipped."""
     cursor = _Cursor(source)
     for index in range(cursor.count("images", _SHOT.size + 1 + _COUNT.size)):
         pointer, what = cursor.pointer, f"image {index}"

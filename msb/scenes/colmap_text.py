@@ -104,12 +104,15 @@ class _Line:
         return f"line {self.index}"
 
     def is_record(self) -> bool:
-        """Return whether the line is neither blank nor a comment."""
+        """Return whether the line contains data, which is false for a blank line or a comment."""
         text = self.text.lstrip()
         return bool(text) and not text.startswith(b"#")
 
     def word_count(self) -> int:
-        """Return the number of words. Do not split the line, because lists of 2D points are long."""
+        """Return the number of words.
+
+        Do not split the line into words, because lists of 2D points are long.
+        """
         dark = np.frombuffer(self.text, dtype=np.uint8) > ord(" ")
         return int(np.count_nonzero(dark[1:] & ~dark[:-1]) + np.count_nonzero(dark[:1]))
 
@@ -143,7 +146,7 @@ class _Line:
 
 
 def _lines(source: Source) -> Iterator[_Line]:
-    """Yield each line. The first line has the number 1."""
+    """Yield each line. The first line of the file has the number 1."""
     data, size = source.data, len(source.data)
     at = len(_BYTE_ORDER_MARK) if bytes(data[:3]) == _BYTE_ORDER_MARK else 0
     index = 0

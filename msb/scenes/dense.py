@@ -1,7 +1,8 @@
 """The dense parts of a set of Gaussian splats, without floaters.
 
 Captures contain faint or stray Gaussians (floaters) everywhere between the cameras. There is no gap between
-floaters and objects. Therefore opacity per volume separates floaters from objects, not distance.
+floaters and objects. Therefore opacity per volume separates floaters from objects. Distance does not separate
+them.
 """
 
 import numpy as np
@@ -61,7 +62,7 @@ def find_dense(points: NDArray[np.floating], weight: NDArray[np.floating]) -> ND
 def _keep_large_parts(dense: NDArray[np.bool_], mass: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return the dense grid cells that belong to large parts.
 
-    Cells of one dense part may be separated by gaps of two cells.
+    Grid cells of one dense part may be separated by gaps of two cells.
     """
     from scipy.ndimage import label
 

@@ -14,11 +14,11 @@ from msb.asset.build import measure_bounds
 from msb.asset.look import normals_of
 from msb.scenes.dense import find_dense
 
-# A mesh must cover at least this share of the pixels of its views. Views that cover fewer pixels are not used
-# to judge the mesh. At 1 % coverage, the PSNR of the whole image is 20 dB above the PSNR of the covered
+# A mesh must cover at least this share of the pixels of its views. If views cover fewer pixels, they are not
+# used to judge the mesh. At 1 % coverage, the PSNR of the whole image is 20 dB above the PSNR of the covered
 # pixels.
 MIN_COVERAGE = 0.01
-# Faces are isolated if the other faces are at most half as far from the middle. With isolated faces in the
+# Faces are isolated if all other faces are at most half as far from the middle. If isolated faces were in the
 # image, all other faces would have only a quarter of their pixels.
 _ISOLATED = 2.0
 # Isolated faces are left out if their number and their area are at most these fractions of all faces.
@@ -46,9 +46,9 @@ class Framing:
     Attributes
     ----------
     center : (3,) floats
-        The centre relative to the asset's origin.
+        The centre of the sphere, relative to the asset's origin.
     radius : float
-        For an asset without outliers, the radius of its bounding sphere.
+        The radius of the sphere. For an asset without outliers, this is the radius of the bounding sphere.
     framed : (F,) mask, or None
         The faces inside the sphere. The value is None if the sphere contains all faces.
     left_out : str
@@ -84,8 +84,8 @@ def find_framing(asset: Asset) -> Framing:
     sphere = asset.manifest.bounding_sphere
     everything = Framing(sphere.center, sphere.radius)
     positions, faces = asset.buffers["positions"], asset.buffers["indices"]
-    # Compute the distance (V,) of each vertex from the middle of the faces. Usually no vertex is far away.
-    # Then the search ends here.
+    # Compute the distance (V,) of each vertex from the middle of the faces. Usually, no vertex is far away.
+    # In this case, the search ends here.
     away = np.linalg.norm(positions - _find_middle(positions, faces), axis=1)
     if away.max() < _ISOLATED * np.median(away[_sample(faces)].max(axis=1)):
         return everything
@@ -147,7 +147,8 @@ def _find_middle(positions: NDArray[np.float32], faces: NDArray[np.uint32]) -> N
 def _drop_isolated(
     near: NDArray[np.float64], far: NDArray[np.float64], area: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return a mask (n,) of all faces except isolated faces that are few and have little area.
+    """Return a mask (n,) of all faces except isolated faces. Isolated faces are left out only if they are few
+    and have little area.
 
     `near` and `far` (n,) are the distances of each face's nearest and farthest corner.
     """
@@ -172,7 +173,7 @@ def _drop_isolated(
 def _find_dense(far: NDArray[np.float64], area: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return a mask (n,) of the faces in the dense part.
 
-    If all faces cover enough pixels, the mask contains all faces.
+    If all faces together cover enough pixels, the mask contains all faces.
 
     If no dense part covers enough pixels, the mask contains all faces.
     """

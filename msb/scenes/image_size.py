@@ -93,7 +93,7 @@ def _open_header(path: str | os.PathLike[str]) -> Iterator[Image.Image]:
     start = bytes(source.data[:12])
     if start.startswith(_SCATTERED) or start[4:8] == _BOX:
         source = Source(Path(path), map_file(Path(path)))
-    file: Any = source.data  # Pillow reads the memory mapping like a file
+    file: Any = source.data  # Pillow reads a memory mapping like a file
     try:
         if not file:
             raise ValueError("it is empty")

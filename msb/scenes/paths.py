@@ -45,9 +45,9 @@ def turntable(
     up : (3,) array_like
         The axis of the turntable, which is up in the images.
     count : int
-        Number of cameras. They have equal angles and are counter-clockwise as seen from above. The first
-        camera is in the direction of the world axis that is closest to perpendicular to `up`. If several axes
-        are equally suitable, x is preferred.
+        Number of cameras. The cameras have equal angles and are counter-clockwise as seen from above. The
+        first camera is in the direction of the world axis that is closest to perpendicular to `up`. If
+        several axes are equally suitable, x is preferred.
     width, height : int
         Size of the images in pixels.
     fov_y : float
@@ -91,8 +91,8 @@ def turntable(
 def unit_at(distance: float) -> float:
     """Return the unit of depth (`Camera.unit`) for an object at `distance`.
 
-    For ordinary distances the unit of depth is 1, which leaves results unchanged. For other distances the
-    unit of depth is a power of two, which causes no rounding errors.
+    For ordinary distances, the unit of depth is 1, so results do not change. For other distances, the unit of
+    depth is a power of two, so no rounding errors occur.
     """
     return 1.0 if 0.5 <= distance <= 64 else 2.0 ** (round(math.log2(distance)) - 1)
 
@@ -164,7 +164,7 @@ def _align_signs(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _catmull_rom(keys: NDArray[np.float64], at: float) -> NDArray[np.float64]:
-    """Return the value (D,) of a Catmull-Rom spline. `at` runs from 0 at keys[1] to 1 at keys[2]."""
+    """Return the value (D,) of a Catmull-Rom spline. `at` is 0 at keys[1] and 1 at keys[2]."""
     cube, square = at**3, at**2
     weights = np.array(
         [

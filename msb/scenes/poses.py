@@ -73,7 +73,7 @@ def _finite_matrix(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
 def invert_pose(pose: ArrayLike, what: str = "the camera-to-world matrix") -> NDArray[np.float64]:
     """Return the inverse (4, 4) float64 of a pose.
 
-    It converts world-to-camera to camera-to-world, and vice versa.
+    The function converts world-to-camera to camera-to-world, and vice versa.
     """
     return rigid_inverse(check_pose(pose, what))
 
@@ -132,7 +132,7 @@ def vector3(name: str, value: ArrayLike) -> NDArray[np.float64]:
 
 
 def _unit(vector: NDArray[np.float64], least: float = 0.0) -> NDArray[np.float64] | None:
-    """Return `vector` scaled to length 1. If its length is at most `least`, return None."""
+    """Return `vector` scaled to length 1. If the length is at most `least`, return None."""
     length = math.hypot(*vector)
     return vector / length if length > least else None
 
@@ -153,7 +153,8 @@ def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
 
 
 def quaternion_from_rotation(rotation: ArrayLike) -> NDArray[np.float64]:
-    """Return the unit quaternion (w, x, y, z), (4,) float64, of a rotation matrix (3, 3), with either sign.
+    """Return the unit quaternion (w, x, y, z) of a rotation matrix (3, 3) as (4,) float64. Its sign is
+    arbitrary.
 
     The quaternion is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 matrix. The eigenvector
     computation is stable for all rotation angles. If the matrix is not exactly a rotation, the nearest

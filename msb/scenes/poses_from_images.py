@@ -159,7 +159,7 @@ class _Job:
             return future.result()
 
     def _count(self, table: str) -> int:
-        """Return the number of rows of a database table. While the database is locked or empty, return 0."""
+        """Return the number of rows of a database table. If the database is locked or empty, return 0."""
         with contextlib.suppress(sqlite3.Error):
             place = f"{self._database.absolute().as_uri()}?mode=ro"
             with contextlib.closing(sqlite3.connect(place, uri=True, timeout=0.05)) as database:

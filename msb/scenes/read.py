@@ -28,10 +28,10 @@ def read_cameras(path: str | os.PathLike[str]) -> list[Camera]:
     ----------
     path : str or Path
         A JSON file, recognised by its content: transforms_*.json (NeRF-Synthetic, instant-ngp, nerfstudio),
-        cameras.json (3DGS family) or views.json. In a folder, the first existing source is read: a COLMAP
-        model, transforms_train.json with transforms_test.json, transforms.json, cameras.json or views.json. A
-        COLMAP model may be in the folder itself, in `sparse/0` or in `sparse`. The suffix .bin is preferred
-        to .txt.
+        A file cameras.json (3DGS family) or views.json. In a folder, the first existing source is read: a
+        COLMAP model, transforms_train.json with transforms_test.json, transforms.json, cameras.json or
+        views.json. A COLMAP model may be in the folder itself, in `sparse/0` or in `sparse`. The suffix .bin
+        is preferred to .txt.
 
     Returns
     -------
@@ -45,7 +45,7 @@ def read_cameras(path: str | os.PathLike[str]) -> list[Camera]:
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE.
     SceneError
-        One of the CAMERA_ and COLMAP_ codes.
+        The code is one of the CAMERA_ and COLMAP_ codes.
 
     Notes
     -----

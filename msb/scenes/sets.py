@@ -59,7 +59,7 @@ def sorted_by_stem(cameras: Iterable[Camera]) -> list[Camera]:
 def split_every_8th(
     cameras: Iterable[Camera], key: Callable[[Camera], str] = stem
 ) -> tuple[list[Camera], list[Camera]]:
-    """Return (train, test). After sorting by `key`, cameras 0, 8, 16, ... are test views.
+    """Return (train, test). When the cameras are sorted by `key`, cameras 0, 8, 16, ... are test views.
 
     The `split` of each returned camera is set. Use this function for captures without a predefined split.
 

@@ -28,7 +28,7 @@ class Source:
         return cls(path, map_file(path))
 
     def error(self, code: str, message: str, *, pointer: str | None = None) -> SceneError:
-        """Return an error about this file. If `pointer` is given, the message begins with it."""
+        """Return an error about this file. If `pointer` is given, the message begins with `pointer`."""
         text = f"{pointer}: {message}" if pointer else message
         return SceneError(code, text, file=self.path, pointer=pointer)
 

@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from msb.scenes.camera import Camera
 from msb.scenes.paths import interpolate_cameras
 
-# Number of frames between two stops of the camera flight. This gives one second of video.
+# Number of frames between two stops of the camera flight. At 24 frames per second, this is one second of
+# video.
 PACE = 24
 # Largest number of stops of the camera flight.
 _STOPS = 10
-# Number of decimals to which gaps between cameras are rounded. Rounding makes equal gaps compare equal.
+# Number of decimals to which gaps between cameras are rounded. Because of rounding, equal gaps compare as
+# equal.
 _DIGITS = 6
 # Displacements of successive stops of the flight in camera axes: right, nearer, left, farther, up.
 _ASIDE = ((1, 0, 0), (0, 0, 1), (-1, 0, 0), (0, 0, -1), (0, -1, 0))
@@ -35,7 +37,7 @@ def make_walk(
     Parameters
     ----------
     stops, capture : sequence of Camera
-        At least two cameras that the flight passes, and all cameras of the capture.
+        At least two cameras along the flight, and all cameras of the capture.
     frames : int
     reach : float
     size : int
@@ -106,8 +108,8 @@ def fill_gaps(cameras: Sequence[Camera], count: int) -> list[Camera]:
     degrees. The limit of 120 degrees avoids straight paths through an object. Each step adds the halfway pose
     that is farthest from its nearest camera. The widest gaps are therefore filled first. The distance of two
     cameras is the angle between their axes in radians, plus the distance of their centres divided by the
-    radius of the capture. If no neighbours remain, the result has fewer cameras. Examples are a single camera
-    and two opposite cameras.
+    radius of the capture. If no neighbours remain, the result has fewer cameras. For example, a single camera
+    or two opposite cameras have no neighbours.
     """
     aim = find_target(cameras)
     every = list(cameras)

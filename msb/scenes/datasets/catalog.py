@@ -24,13 +24,14 @@ class Dataset:
     ----------
     title : str
     scenes : mapping of str to str
-        The group of each scene; "" in datasets without groups.
+        The group of each scene. In datasets without groups, the group is "".
     names : pattern
         File names of the published photographs, without folders.
     sizes : mapping of str to set of (int, int)
         The recorded camera sizes of each published scene. The key "" is used for all other scenes.
     masked : bool
-        Whether photographs have a mask. If true, only the masked object is evaluated, over `background`.
+        Whether photographs have a mask. If the value is true, only the masked object is evaluated, over
+        `background`.
     background : Color, optional
         The background of photographs and renderings; None if it depends on the method (`Rules.backgrounds`).
     folders : tuple of str
@@ -107,7 +108,7 @@ DATASETS: dict[str, Dataset] = {
         layouts=("colmap", "neus"),
     ),
 }
-# Maximum difference in pixels between a recorded side and the published side. The difference is due to
+# Maximum difference in pixels between a recorded side and the published side. The difference comes from
 # rounding.
 _ROUNDING = 1
 
@@ -132,8 +133,8 @@ def is_published(
     """Return whether photographs have the published names and recorded sizes of a dataset.
 
     Set `below` if the parent folder has the name of the dataset. If the name of the parent folder matches,
-    only the names of the photographs are compared. Resized copies are then recognised. Folders of DTU's
-    scenes are called scan1 to scan128.
+    only the names of the photographs are compared. Resized copies of the photographs are then recognised.
+    Folders of DTU's scenes are called scan1 to scan128.
     """
     dataset = DATASETS[key]
     if not all(dataset.names.fullmatch(name.rsplit("/", 1)[-1]) for name in photographs):

@@ -24,10 +24,10 @@ _FAR = 1.5
 
 
 def note_scaled_cameras(scenes: Iterable[Scene]) -> str | None:
-    """Return a sentence about scenes whose recorded image sizes far exceed their photographs. Without such
-    scenes, return None.
+    """Return a sentence about scenes whose recorded image sizes far exceed their photographs. If there are no
+    such scenes, return None.
 
-    The sentence describes the first such scene and counts the other scenes.
+    The sentence describes the first of these scenes and counts the other scenes.
     """
     sentences = {scene.root: text for scene in scenes if (text := _describe_scaling(scene)) is not None}
     if not sentences:
@@ -38,7 +38,10 @@ def note_scaled_cameras(scenes: Iterable[Scene]) -> str | None:
 
 
 def _describe_scaling(scene: Scene) -> str | None:
-    """Return the sentence about one scene. If the two sizes are similar, return None."""
+    """Return the sentence about recorded image sizes for a single scene.
+
+    If the two sizes are similar, return None.
+    """
     view = scene.test[0]
     recorded, used = view.source_size or (view.width, view.height), (view.width, view.height)
     stored = None if view.image_path is None else _read_size(view.image_path)
@@ -54,7 +57,7 @@ def _describe_scaling(scene: Scene) -> str | None:
 
 def note_recorded_size(path: str | os.PathLike[str], cameras: Sequence[Camera]) -> str | None:
     """Return a sentence about a COLMAP model whose recorded image sizes far exceed the photographs beside it.
-    If the sizes agree, return None.
+    If the recorded sizes agree with the photographs, return None.
 
     `path` is the argument of `read_cameras`, and `cameras` is the result.
     """
@@ -75,14 +78,14 @@ def find_photographs(path: str | os.PathLike[str], cameras: Sequence[Camera]) ->
 
     The result is None if the scene has no photographs.
 
-    The arguments are those of `note_recorded_size`.
+    The arguments are the arguments of `note_recorded_size`.
     """
     place = given_path(path)
     model = find_model(place) if is_folder(place) else None
     if model is None:
         return None
     root = next((above.parent for above in (model, model.parent) if above.name == "sparse"), model)
-    # Read the size of the first camera's photograph in all folders images*.
+    # In all folders images*, read the size of the first camera's photograph.
     sizes: dict[Size, Path] = {}
     for folder in folders(root):
         with contextlib.suppress(MsbError):

@@ -15,19 +15,19 @@ from msb.scenes.datasets.scene import MaskSource, Reading
 from msb.scenes.image_size import ImageHeader, image_size, read_header
 from msb.scenes.lenses import undistorted
 
-# Folder of masks in the DTU packages of 2DGS and NeuS. It has one image per photograph, in the same sorted
-# order.
+# Folder of masks in the DTU packages of 2DGS and NeuS. The folder has one image per photograph, in the same
+# sorted order.
 MASKS = "mask"
 # Folder of masks in other captures. Each mask has the name of its photograph.
 MASK_FOLDER = "masks"
 # Pillow's modes of photographs: 8 bits per channel, with or without alpha.
 PHOTOGRAPH_MODES = ("RGB", "RGBA", "L", "LA")
-# Image formats that must be converted before use (Pillow's name, readable name).
+# Image formats that must be converted before use. Each entry has Pillow's name and a readable name.
 _OTHER_KINDS = {"WEBP": "WebP", "AVIF": "AVIF", "HEIF": "HEIC"}
 # EXIF orientations of at least this value swap width and height.
 _FIRST_SWAP = 5
-# Maximum number of missing photographs in a message. The second number limits the similar file names in a
-# message.
+# Maximum number of missing photographs in a message. The second number limits how many similar file names a
+# message lists.
 _MAX_NAMES, _MAX_HINTS = 4, 2
 # Maximum difference in pixels between the heights of a photograph and its camera, after scaling to equal
 # width.
@@ -93,9 +93,9 @@ def _missing_folder(root: Path, folder: str) -> SceneError:
 def locate_photographs(
     root: Path, layout: Layout, views: Sequence[Camera], folder: str, *, is_requested: bool
 ) -> list[Camera]:
-    """Return the views with the paths of their photographs. The files may be missing.
+    """Return the views with the paths of their photographs. The files of the photographs may be missing.
 
-    Names of photographs are relative to `folder`. In JSON files, the name of a photograph begins with a
+    Names of photographs are relative to `folder`. In JSON files, the names of photographs begin with a
     folder. A requested folder such as images_2 replaces the first folder of the name. If the requested folder
     contains a photograph with the full name, the full name is used.
     """
@@ -120,8 +120,8 @@ def check_missing(
     """Report views without a photograph. If too many photographs are missing, raise an error, otherwise add a
     warning.
 
-    If `are_left_out` is true, one view with a photograph is sufficient. If `are_left_out` is false, all test
-    views must have a photograph. At least one view of each recorded size must also have a photograph.
+    If `are_left_out` is true, a single view with a photograph is sufficient. If `are_left_out` is false, all
+    test views must have a photograph. At least one view of each recorded size must also have a photograph.
     """
     missing = [view for view in views if not _has_photograph(view)]
     if not missing:
@@ -130,7 +130,8 @@ def check_missing(
     needed = [view for view in missing if view.split == "test" or (view.width, view.height) not in sizes]
     is_error = not sizes if are_left_out else bool(needed)
     reported = needed if is_error and needed else missing
-    # List the first missing photographs. Also list files with a similar name, which differ by suffix or case.
+    # The message lists the first missing photographs. Also list files whose name differs from a missing
+    # photograph only by suffix or case.
     names = []
     alike = 0
     for number, view in enumerate(reported[:_MAX_NAMES]):
@@ -178,8 +179,8 @@ def inspect_photographs(
     """Read the headers of the photographs, and return how each photograph is read.
 
     If cameras have equal recorded sizes, their photographs must have equal sizes. A missing photograph gets
-    the size of the other photographs. If `converts` is true, image formats are accepted even if they must be
-    converted first.
+    the size of the other photographs. If `converts` is true, image formats that must be converted are
+    accepted.
     """
     sizes: dict[Size, tuple[Size, Camera]] = {}
     turned: dict[str, int] = {}
@@ -211,7 +212,7 @@ def inspect_photographs(
                 "the aspect ratios differ, and the recorded angles of view are kept"
             )
             warnings.append(finding("SCENE_IMAGE", text, severity="warning", file=str(first.image_path)))
-    # Undistorted photographs have the size of their pinhole camera.
+    # An undistorted photograph has the size of its pinhole camera.
     cameras, stored, readings = [], [], {}
     for view in views:
         name, size = str(view.name), sizes[view.width, view.height][0]
@@ -239,8 +240,8 @@ def _choose_orientation(header: ImageHeader, record: Size) -> tuple[Size, str | 
     """Return the final image size of a photograph, and whether its EXIF orientation is applied.
 
     COLMAP records the size of the stored pixels, before the EXIF orientation is applied. Other programs
-    record the image size after applying the EXIF orientation. The decision is "applied", "as stored",
-    "undecided", or None for a photograph without an orientation.
+    record the image size after applying the EXIF orientation. The decision is "applied", "as stored" or
+    "undecided". For a photograph without an orientation, it is None.
     """
     size, turned = header.size, header.size[::-1]
     if header.orientation == 1:
@@ -375,7 +376,7 @@ def _check_mask(mask: Path, size: Size) -> None:
 
 
 def _pair_masks(root: Path, photographs: Mapping[str, Path], masks: Sequence[Path]) -> dict[str, Path]:
-    """Return the mask of each camera by name. Photographs and masks have the same order when sorted."""
+    """For each camera name, return the mask. Photographs and masks have the same order when sorted."""
     folder = next(iter(photographs.values())).parent
     number = {image: index for index, image in enumerate(images_in(folder))}
     if len(number) != len(masks) or not number.keys() >= set(photographs.values()):

@@ -64,12 +64,14 @@ def read_scene(
         values 1, 2, 4 and 8 divide the size, and -1 keeps photographs up to 1600 pixels wide. Any other
         number is a width in pixels.
     camera_convention : {"gs_fov", "full_K"}, optional
-        "gs_fov" uses the recorded angles of view and a principal point in the middle; "full_K" uses the
+        "gs_fov" uses the recorded angles of view and a principal point in the middle. "full_K" uses the
         recorded principal point. Use the convention of the checkpoint's training
-        (`RULES[method].convention`). Default: the camera convention of the rules. Our rules use "full_K".
+        (`RULES[method].convention`). Default: the camera convention of the rules. The default of our rules is
+        "full_K".
     background : (float, float, float), optional
         The background colour in [0, 1]. Default: white for masked datasets, otherwise the background of the
-        rules. Our rules use black. Use `evaluation_background` for the benchmark's background of a method.
+        rules. The default of our rules is black. Use `evaluation_background` for the benchmark's background
+        of a method.
     rules : str
         A key of `RULES`: "ours", or a method, to read the scene like its official code.
     converts : bool
@@ -78,17 +80,17 @@ def read_scene(
     Returns
     -------
     Scene
-        The scene. Only the headers of photographs are read. Rotating, undistorting and masking is done by
-        `msb.metrics.ground_truth`. In captures outside the benchmark, views without a photograph are removed
-        with a warning, before the views are split. Scenes of the benchmark keep views without a photograph,
-        but all their test photographs must exist.
+        The scene. Only the headers of photographs are read. `msb.metrics.ground_truth` rotates, undistorts
+        and masks photographs. In captures outside the benchmark, views without a photograph are removed with
+        a warning, before the views are split. Scenes of the benchmark keep views without a photograph, but
+        all their test photographs must exist.
 
     Raises
     ------
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE.
     SceneError
-        One of the SCENE_, CAMERA_ and COLMAP_ codes.
+        The code is one of the SCENE_, CAMERA_ and COLMAP_ codes.
     """
     root = given_path(path)
     layout = _require_layout(root)
@@ -127,7 +129,8 @@ def read_scene(
     ratio = 1 if is_divided else chosen.resolution
     sizes = [ROUNDINGS[how](size, ratio) for size in stored.sizes]
     cameras = [view.resized(*size) for view, size in zip(stored.views, sizes, strict=True)]
-    # Move the principal point to the middle, as the 3DGS family does. If the move is visible, add a warning.
+    # Move the principal point to the middle, as the 3DGS family does. If the movement is visible, add a
+    # warning.
     if convention == "gs_fov":
         warnings += _warn_shift(root, cameras)
         cameras = [camera.centered() for camera in cameras]
@@ -207,9 +210,10 @@ def missing_photographs(
     rules: str = OURS,
     **_others: Any,
 ) -> dict[str, int]:
-    """Count missing training and test photographs. The scene may be one that `read_scene` rejects.
+    """Count missing training and test photographs. The scene may be invalid for `read_scene`.
 
-    The parameters are those of `read_scene`. The errors about cameras and folders are those of `read_scene`.
+    The parameters are the parameters of `read_scene`. Errors about cameras and folders are the same as in
+    `read_scene`.
     """
     root = given_path(path)
     layout, by = _require_layout(root), rules_of(rules)
@@ -399,7 +403,10 @@ def scene_of(
     resolution: int | None = None,
     camera_convention: Convention | None = None,
 ) -> Scene:
-    """Return a scene prepared to evaluate the method of a model. The errors are those of `read_scene`."""
+    """Return a scene prepared to evaluate the method of a model.
+
+    The errors are the errors of `read_scene`.
+    """
     place = given_path(path)
     notes: list[Finding] = []
     at = scene_at(

@@ -25,9 +25,9 @@ _OURS = Rules(
 
 
 class _EveryRules(Mapping[str, Rules]):
-    """Our rules, and the rules declared by methods.
+    """Mapping of our rules, and of the rules that methods declare.
 
-    The rules of a method are imported when they are first used.
+    The rules of a method are imported at their first use.
     """
 
     def __getitem__(self, name: str) -> Rules:
@@ -60,7 +60,10 @@ def evaluation_background(dataset: str, method: str | None = None, recorded: Col
 
 
 def stated_background(manifest: Manifest) -> Color | None:
-    """Return the background of the model's official evaluation; None if the asset does not record it."""
+    """Return the background of the model's official evaluation.
+
+    If the asset does not record the background, return None.
+    """
     return parse_color("official", manifest.appearance.get("background"))
 
 
@@ -69,6 +72,7 @@ def default_background(manifest: Manifest) -> Color:
 
     If the asset records no background, return the method's background, or black.
 
-    All commands and the Python interface use this background, unless the user or a dataset chooses another.
+    All commands and the Python interface use this background, unless the user or a dataset sets another
+    background.
     """
     return evaluation_background(CUSTOM, manifest.method, stated_background(manifest))
