@@ -33,14 +33,14 @@ MOST_LPIPS = math.fsum(_HEAD_SUMS) + 0.01
 # Maximum header size of a .npy file in bytes.
 _MAX_HEAD = 1 << 10
 
-# float32 arrays by key (features.N.weight or .bias).
+# float32 arrays. The keys are features.N.weight and features.N.bias.
 Weights = dict[str, Any]
 
 
 def weights_source(weights: Mapping[str, Any] | None) -> str:
     """Describe the origin of `LpipsVgg.weights`, and state whether they are the published weights.
 
-    Without weights, the text names the required file.
+    If the weights are missing, the text names the required file.
     """
     if weights is None:
         return f"LPIPS needs {VGG_FILE} from download.pytorch.org/models, SHA-256 {VGG_SHA256[:16]}..."
@@ -72,9 +72,10 @@ def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
 
     The file is a state dict of the torchvision VGG16 written by torch.save, or an .npz with the same keys.
     Other keys of the file (classifier.*) are ignored. Loading does not execute code from the file. Weights
-    are features.N.weight (out, in, 3, 3) and features.N.bias (out,), float32. The record contains the file
-    name and the name "known" of published weights. It also contains the hashes "sha256" of the file and
-    "tensors_sha256" of the values, which is independent of the file format.
+    are features.N.weight (out, in, 3, 3) and features.N.bias (out,), float32. The record contains the name of
+    the file. For published weights, it contains the name "known". The record also contains two hashes.
+    "sha256" is the hash of the file, and "tensors_sha256" is the hash of the values, which does not depend on
+    the file format.
     """
     place = regular_file(path)
     shapes: dict[str, tuple[int, ...]] = {f"features.{n}.weight": (o, i, 3, 3) for n, i, o in LAYERS}
@@ -154,7 +155,7 @@ def _read_torch(path: Path, shapes: dict[str, tuple[int, ...]]) -> Weights:
 
 
 def _read_npz(path: Path, shapes: dict[str, tuple[int, ...]]) -> Weights:
-    # Open the file here, because NumPy leaves an invalid archive open.
+    # Open the file in this function, because NumPy leaves an invalid archive open.
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         for key, shape in shapes.items():
             # Check sizes before unpacking. Stored numbers have at most 8 bytes.

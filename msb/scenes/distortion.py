@@ -104,8 +104,7 @@ def _distort_thin_prism(x: Array, y: Array, c: Sequence[float]) -> tuple[Array, 
 
 
 def _distort_aria(x: Array, y: Array, c: Sequence[float]) -> tuple[Array, Array]:
-    """Model RAD_TAN_THIN_PRISM_FISHEYE (nerfstudio's FISHEYE624) with coefficients k0 to k5, p0, p1, s0 to
-    s3."""
+    """Model RAD_TAN_THIN_PRISM_FISHEYE (nerfstudio: FISHEYE624) with k0 to k5, p0, p1, s0 to s3."""
     x, y = _distort_fisheye(x, y, c[:6])
     square = x * x + y * y
     right, down = _bend(x, y, 1.0, c[7], c[6])

@@ -26,14 +26,14 @@ from msb.why.views import CauseViews, DoesNotApplyError, Image
 
 # Logit of an opacity of 1 - 2e-9. In float32, this opacity rounds to 1.
 _FULL_LOGIT = np.float32(20.0)
-# For each coverage kernel, the settings that make the coverage 1 inside a face and 0 outside. The settings
-# are a steep power and a narrow window.
+# For each coverage kernel, the settings for a coverage of 1 inside a face and 0 outside. These settings are a
+# steep power and a narrow window.
 _HARD_SETTINGS: dict[str, dict[str, float]] = {
     "gaussian_power": {"gamma": 1000.0},
     "edge_window": {"sigma": 1e-9},
 }
-# Stored value of Triangle-Splatting that makes edges hard. With this value, sigma = 0.01 + exp(value) has its
-# minimum of 0.01.
+# Stored value of Triangle-Splatting's sigma that makes edges hard. With this value, sigma = 0.01 + exp(value)
+# has its minimum of 0.01.
 _HARD_SIGMA = np.float32(-30.0)
 # Two lists of images: the images without a cause, and the images with this cause. Each list of images has one
 # image per view.
@@ -62,8 +62,8 @@ def _draw_shading(views: CauseViews) -> _Pair:
 def apply_light(frames: list[Frame], light: Image) -> list[Frame]:
     """Return frames lit by an engine's light source; `light` (F,) is the brightness of each face.
 
-    Each face has one normal. Therefore its lit image is its unlit image times the brightness of the face. The
-    multiplication uses sRGB values, as in engines.
+    Each face has one normal. Therefore the lit image of a face is the unlit image times the brightness of the
+    face. The multiplication uses sRGB values, as in engines.
     """
     lit = []
     # Multiply each pixel (H, W, 3) by the brightness of its face (H, W). The background has the face id -1.
@@ -203,7 +203,7 @@ BAKED: dict[str, Callable[[Asset], _Change]] = {
 
 @dataclass(frozen=True)
 class CauseDefinition:
-    """A cause of quality loss, and the functions that draw images with and without it.
+    """A cause of quality loss, with functions that draw images with and without the cause.
 
     `title`, `how_to_see` and `remedy` are printed. `how_to_see` explains how to recognise the cause in a
     program.

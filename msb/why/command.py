@@ -42,9 +42,10 @@ def why(
     The asset is rendered with and without each cause. All other settings stay unchanged. Differences are
     clearly visible below 30 dB and invisible above 40 dB. The last lines compare the standard-tier mesh with
     the native rendering. This comparison measures the loss of all causes together. The report also separates
-    two parts of the loss. Engine settings avoid the first part, and a bake avoids the second part. Without
-    --cameras the training cameras beside the asset are used. If the asset has no training cameras, cameras
-    around the asset are used.
+    two parts of the loss: the part due to engine settings, and the part due to the mesh. Engine settings
+    avoid the first part of the loss, and a bake avoids the second part. Without --cameras the training
+    cameras beside the asset are used. If the asset has no training cameras, cameras around the asset are
+    used.
     """
     from msb.api.command_files import open_asset
     from msb.errors import about

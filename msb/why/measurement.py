@@ -42,7 +42,7 @@ class Cause:
         PSNR in dB between the images with and without the cause, over all views. The PSNR is inf for equal
         images, and None if the cause does not apply.
     reason : str or None
-        Why the cause does not apply; None if the cause applies.
+        The reason why the cause does not apply. If the cause applies, the value is None.
     how_to_see : str
         How to recognise the cause in a program.
     remedy : str
@@ -107,11 +107,11 @@ def why(
     background : (3,) floats, or str, optional
         The background, with the values and the default of `msb.render`.
     settings : mapping, optional
-        Settings of all renderings; they replace the settings stored in the asset.
+        Settings of all renderings. They replace the settings stored in the asset.
     device : str, optional
         The OpenCL device.
     step : callable
-        Called after each cause, and after the total.
+        Callback that is called after each cause, and after the total.
 
     Returns
     -------

@@ -13,10 +13,10 @@ from msb_viewers.model import ViewModel
 FOV_Y = math.radians(30)
 # Angles of the first view in radians. The first view of an object shows three of its sides at oblique angles.
 AZIMUTH, ELEVATION = math.radians(35), math.radians(20)
-# Distance of the first view. At distance 1, the whole mesh just fits into the view.
+# Distance of the camera in the first view. At distance 1, the whole mesh just fits into the view.
 _MARGIN = 1.04
-# Distance between the camera and an element. The unit is the radius of the faces around the element. The
-# faces around the element then fill about half of the window.
+# Distance between the camera and an element. The unit is the radius of the faces around the element. At this
+# distance, the faces around the element fill about half of the window.
 _NEIGHBOURHOOD = 4.5
 
 
@@ -33,7 +33,7 @@ class Pose:
 
     @property
     def distance(self) -> float:
-        """Distance from the eye to the target."""
+        """The distance from the eye to the target."""
         return float(np.linalg.norm(self.eye - self.target))
 
 
@@ -72,7 +72,7 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
     """
     if not bool(model.finite(vertices[None])[0]):
         return None
-    # Find the faces at the element and their radius, and compute the camera distance.
+    # Find the faces at the element, compute their radius, and compute the camera distance.
     points, faces = model.points, model.faces
     target = points[vertices].astype(np.float64).mean(axis=0)
     touching = np.zeros(len(points), bool)
@@ -81,11 +81,11 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
     around = points[faces[nearby]].reshape(-1, 3) if len(nearby) else points[vertices]
     radius = float(np.linalg.norm(around - target, axis=1).max(initial=0.0))
     distance = _NEIGHBOURHOOD * (radius if radius > 1e-7 else 0.02)
-    # The other faces that can be between the element and the camera.
+    # Select the other faces that can be between the element and the camera.
     blockers = np.flatnonzero(_may_reach(points, faces, target, distance) & model.drawn)
     blockers = np.setdiff1d(blockers, nearby, assume_unique=True)
-    # Candidate directions (m, 3): the current direction, the normals of the faces, and 48 directions on a
-    # sphere.
+    # Collect candidate directions (m, 3): the current direction, the normals of the faces, and 48 directions
+    # on a sphere.
     prefer = _unit(current.eye - current.target)
     normals = _normals(points[faces[nearby]].astype(np.float64))
     directions = np.concatenate([prefer[None], normals, -normals, sphere(48)])[:120]
@@ -166,8 +166,8 @@ def _hits(
         sides = np.stack([np.cross(p, q) @ direction for p, q in ((a, b), (b, c), (c, a))])
         inside = (sides > 0).all(axis=0) | (sides < 0).all(axis=0)
         along = normal @ direction
-        # The distance along the ray is height / along. Compare the distance along the ray with the limits
-        # without a division.
+        # The distance along the ray is `height` divided by `along`. Compare the distance along the ray with
+        # the limits without a division.
         counts[row] = np.count_nonzero(
             inside & (height * along > 0) & (np.abs(height) < reach * np.abs(along))
         )

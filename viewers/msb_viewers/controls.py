@@ -18,7 +18,7 @@ _CLICK = 4
 # Priority of the event handlers below. These event handlers must run before the handlers of VTK's interactor
 # style, because that style also uses most keys.
 _FIRST = 10.0
-# Names of VTK or X11 keys. The values are the names of these keys in `TopologyControls.keys`.
+# Names of VTK or X11 keys. The values are the names of the same keys in `TopologyControls.keys`.
 _NAMES = {
     "[": "bracketleft",
     "]": "bracketright",
@@ -63,7 +63,7 @@ class TopologyControls:
         self._widget: Any = None
 
     def key(self, name: str) -> bool:
-        """Perform the action of a key; return whether the key has an action."""
+        """Perform the action of a key. Return whether the key has an action."""
         name = key_name(name)
         if name == "q":
             if self.interactor is not None:
@@ -91,12 +91,12 @@ class TopologyControls:
         self.viewer.refresh()
 
     def press(self, x: int, y: int) -> bool:
-        """Store the pixel where the left button is pressed; return whether this pixel is on the legend."""
+        """Store the pixel where the left button is pressed. Return whether this pixel is on the legend."""
         self._pressed = x, y
         return self.viewer.legend_hit(x, y) is not None
 
     def release(self, x: int, y: int) -> bool:
-        """Perform a click, unless the mouse was dragged."""
+        """If the mouse was not dragged, perform a click."""
         pressed, self._pressed = self._pressed, None
         if pressed is not None and max(abs(x - pressed[0]), abs(y - pressed[1])) <= _CLICK:
             self.click(x, y)
@@ -228,7 +228,7 @@ def _free_name(name: str) -> Path:
 
 
 def key_name(name: str) -> str:
-    """Return the name of a key in `TopologyControls.keys`, also for keys of the numeric keypad.
+    """Return the name of a key in `TopologyControls.keys`. Keys of the numeric keypad are also accepted.
 
     >>> key_name("KP_1"), key_name("Home"), key_name("[")
     ('1', 'home', 'bracketleft')

@@ -51,13 +51,16 @@ _WRAP_CODE = {
 }
 # For each wrap mode, the constant of VTK (`vtkTexture.ClampToEdge`, `Repeat`, `MirroredRepeat`).
 _WRAPS = {"clamp": 0, "repeat": 1, "mirror": 2}
-# Offset of markers and lines towards the camera, in steps of the depth buffer. Without the offset, the
-# surface would hide them.
+# Offset of markers and lines towards the camera, in steps of the depth buffer. If there were no offset, the
+# surface would hide the markers and lines.
 _POINT_OFFSET, _LINE_OFFSET = -16.0, -8.0
 
 
 def silence_vtk() -> None:
-    """Keep VTK from writing to standard error. Other code detects and reports relevant errors."""
+    """Keep VTK from writing to standard error.
+
+    Other code of this package detects and reports relevant errors.
+    """
     from vtkmodules.vtkCommonCore import vtkLogger, vtkObject
 
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
@@ -77,7 +80,7 @@ def surface(
     `color`.
 
     The `domain` of the colours is vertex, face or corner. `shade` in [0, 1] is the loss of brightness for a
-    face that is seen edge-on. The value 0 means unlit.
+    face that is seen edge-on. The value 0 of `shade` means unlit.
     """
     if domain == "corner" and colors is not None:
         points = points[faces].reshape(-1, 3)
@@ -114,7 +117,7 @@ def textured(
 
     The texture is multiplied by corner colours `tint` (3n, 4), and is not drawn where alpha is below
     `cutoff`. Filtering and multiplication are in linear light, as on the standard tier (opaque rendering).
-    The standard tier decodes tint colours at each corner, but this actor decodes them at each pixel.
+    The standard tier decodes tint colours at each corner, but this actor decodes tint colours at each pixel.
     """
     from vtkmodules.vtkCommonDataModel import vtkImageData
     from vtkmodules.vtkRenderingCore import vtkTexture
@@ -135,7 +138,7 @@ def textured(
     texture.SetInterpolate(sampler.filter == "linear")
     texture.SetMipmap(sampler.mipmaps)
     texture.SetMaximumAnisotropicFiltering(1.0)
-    # The shader implements different wrap modes of u and v.
+    # The shader handles different wrap modes of u and v.
     wraps = sampler.wrap_u, sampler.wrap_v
     texture.SetWrap(_WRAPS[wraps[0]] if wraps[0] == wraps[1] else vtkTexture.Repeat)
     wrap_code = ""
@@ -221,7 +224,7 @@ class Overlay:
         self.size = (0, 0)
 
     def set(self, image: NDArray[np.uint8]) -> None:
-        """Show `image` (H, W, 4), row 0 at the top."""
+        """Show `image` (H, W, 4). Row 0 is at the top."""
         from vtkmodules.vtkCommonDataModel import vtkImageData
 
         height, width = image.shape[:2]

@@ -26,11 +26,12 @@ if TYPE_CHECKING:
 
 # Side of an image in pixels: 3.2 inches on paper at 200 dots per inch.
 _SIDE = 640
-# Factor for the camera distance of a close-up. The function `element_pose` returns the distance for factor 1.
+# Factor for the camera distance of a close-up. The function `element_pose` returns the camera distance for
+# factor 1.
 _CLOSER = 0.9
-# Dots per inch of the file.
+# Dots per inch of the figure's file.
 _DPI = 130
-# Scale of lines and markers. Each image of the figure is later scaled down to about 400 pixels.
+# Scale of lines and markers in the figure. Each image of the figure is later scaled down to about 400 pixels.
 _BOOST = 1.4
 
 
@@ -125,7 +126,7 @@ def _close_up(viewer: TopologyViewer, column: Column) -> Pose | None:
     else:
         if len(model.sizes) < 2:
             return None
-        # Find faces of the second to the thirteenth largest component.
+        # Find faces of the components from the second largest to the thirteenth largest.
         first = np.flatnonzero((model.face_component >= 1) & (model.face_component <= 12) & model.drawn)
         candidates = model.faces[first]
     if len(candidates) == 0:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def legend_panel(state: ViewState, scale: float = 1.0) -> Panel:
     """Return the legend: counts, verdict, and one row for each layer.
 
-    A row has a check box, a number and a key.
+    A row of the legend has a check box, a number and a key.
     """
     return draw_panel(lambda sheet: _legend(sheet, state), LEGEND_WIDTH, scale)
 

@@ -3,7 +3,7 @@ const canvas = byId("view");
 const state = { coloring: meta.colored ? "own" : "grey", visible: new Set(meta.visible), active: meta.active,
   cursor: {}, chosen: null, legend: innerWidth > 640 };
 
-// Decompress the arrays of the page; the result maps names to typed arrays.
+// Decompress the arrays of the page. The result maps names to typed arrays.
 async function unpack() {
   const element = byId("data");
   const text = element.textContent;

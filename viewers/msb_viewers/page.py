@@ -18,7 +18,7 @@ from msb_viewers.state import ViewState
 from msb_viewers.template import build_page
 
 # Number of faces above which the command prints a warning. A browser needs at least 48 bytes per face (3
-# corners of 16 bytes). While the page loads, it needs twice as many.
+# corners of 16 bytes). While the page loads, the browser needs twice as many bytes.
 LARGE = 2_000_000
 
 

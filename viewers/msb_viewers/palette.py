@@ -1,7 +1,8 @@
 """Colours, line styles and markers of all kinds of elements.
 
 The colours are from Okabe and Ito (Color Universal Design, 2008). People with common kinds of colour
-blindness can distinguish these colours. Two kinds of elements always differ by more than their colour.
+blindness can distinguish these colours. The styles of two kinds of elements always differ by more than their
+colour.
 """
 
 from dataclasses import dataclass
@@ -30,7 +31,8 @@ NEUTRAL: Color = (205, 205, 205)
 # The colour of the ring around the selected element. The colour differs clearly from the colours of all
 # layers.
 HIGHLIGHT: Color = (200, 0, 110)
-# The colours of the fans of a vertex. Each fan also has a number, in addition to its colour.
+# The colours of the fans of faces around a vertex. Each fan of faces also has a number, in addition to its
+# colour.
 FAN_COLORS = (SKY, ORANGE, GREEN, PURPLE, YELLOW, VERMILLION, BLUE)
 
 
@@ -39,7 +41,7 @@ class Style:
     """The style of a layer, and the key that shows or hides the layer.
 
     `kind` is the name of the elements in the audit (docs/definitions.md). `width` of lines and `size` of
-    markers are in pixels at the closest zoom; lines with width 0 are not drawn.
+    markers are in pixels at the closest zoom. Lines with width 0 are not drawn.
     """
 
     kind: str
@@ -101,7 +103,7 @@ REPAIR_STYLES: dict[str, Style] = {
     )
 }
 
-# Size classes of components other than the largest: lowest and highest number of faces (inclusive), and
+# Size classes of all components except the largest: lowest and highest number of faces (inclusive), and
 # colour.
 SIZE_CLASSES: tuple[tuple[int, int | None, Color], ...] = (
     # Colours are ordered from light to dark, so that the order is visible without hue. The colours are from

@@ -26,7 +26,8 @@ def pick(
 ) -> Hit | None:
     """Return the first of the `allowed` faces (F,) that a ray from `eye` along a unit vector hits.
 
-    Hits outside `box` (3, 2) do not count. The function takes O(V + F) time and 13 V + 4 F bytes of memory.
+    Hits outside the box `box` (3, 2) do not count. The function takes O(V + F) time and 13 V + 4 F bytes of
+    memory.
     """
     if not allowed.any():
         return None

@@ -122,7 +122,7 @@ def wrap_text(text: str, face: Any, width: float) -> list[str]:
 
 
 def shorten_text(text: str, face: Any, width: float) -> str:
-    """Return `text`, with its middle replaced by dots if it is wider than `width` pixels."""
+    """If `text` is wider than `width` pixels, replace its middle by dots. Return the text."""
     if face.getlength(text) <= width:
         return text
     keep = len(text) - 1
@@ -153,7 +153,7 @@ def help_panel(rows: Iterable[tuple[str, str]], scale: float = 1.0) -> Panel:
 def line_panel(text: str, width: int, scale: float = 1.0) -> Panel:
     """Return an image of one line of text.
 
-    The line is shortened in the middle if it is wider than `width` pixels.
+    If the line is wider than `width` pixels, it is shortened in the middle.
     """
     face = font(max(round(13 * scale), 8))
     short = shorten_text(text, face, width - 24 * scale)

@@ -29,13 +29,13 @@ _SHADE_COMPONENTS = 0.25
 
 
 class Stage:
-    """The actors of a model. Actors (VTK objects to draw) are created when needed. They are stored as long as
-    they are valid.
+    """The actors of a model. Actors (VTK objects to draw) are created when needed. Actors are stored as long
+    as they are valid.
 
     `seconds` is the time of the last full frame. If the last full frame took too long, simplified meshes are
     drawn while the view is `moving`.
 
-    `boost` enlarges lines and markers. Use it for images that are printed small.
+    `boost` enlarges lines and markers. For images that are printed small, set a larger `boost`.
     """
 
     def __init__(self, model: ViewModel, back: Any, front: Any) -> None:
@@ -143,7 +143,10 @@ class Stage:
         appearance.SetPointSize(max(style.size * self._size, 3.0) * self.boost)
 
     def _make_surface(self, state: ViewState, rows: NDArray[Any]) -> list[Any]:
-        """Return the actors of the faces `rows`. There is a single actor, or one for each texture."""
+        """Return the actors of the faces `rows`.
+
+        The faces have a single actor, or one actor for each texture.
+        """
         everything = len(rows) == len(self.model.faces)
         faces = self.model.faces if everything else self.model.faces[rows]
         colors = self.model.colors
@@ -231,7 +234,7 @@ def median_edge(model: ViewModel) -> float:
 def face_budget(faces: int, seconds: float) -> int | None:
     """Return the number of faces to draw while the view moves. Drawing all faces takes `seconds`.
 
-    The result None means all faces.
+    If the result is None, all faces are drawn.
 
     >>> face_budget(1_000_000, 0.02), face_budget(1_000_000, 0.5), face_budget(4_000_000, 0.1)
     (None, 100000, 300000)
@@ -261,11 +264,11 @@ def simplify(
     if len(some) == 0:
         return some, sample
     low, high = points[some].reshape(-1, 3).min(axis=0), points[some].reshape(-1, 3).max(axis=0)
-    # A surface intersects a small multiple of n^2 cells in a grid of n^3 cells. On average, a grid cell that
+    # In a grid of n^3 cells, a surface intersects a small multiple of n^2 cells. On average, a grid cell that
     # the surface intersects contains about four faces.
     cells = max(int(np.sqrt(target / 4)), 8)
     size = max(float((high - low).max()) / cells, 1e-9)
-    # Replace each vertex by the first vertex in its cell, (V,).
+    # Replace each vertex by the first vertex in its grid cell, (V,).
     used = np.unique(some)
     place = np.floor((points[used] - low) / size).astype(np.int64)
     key = (place[:, 0] * (cells + 2) + place[:, 1]) * (cells + 2) + place[:, 2]

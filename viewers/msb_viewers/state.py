@@ -46,18 +46,18 @@ class ViewState:
     """The state of the topology viewer."""
 
     model: ViewModel
-    # Kinds of the visible layers.
+    # The kinds of the visible layers.
     visible: set[str] = field(default_factory=set)
     # The active layer, and the last selected element of each layer. The keys N and P step through the active
     # layer.
     active: str = "nonmanifold_edges"
     cursor: dict[str, int] = field(default_factory=dict)
     coloring: Coloring = "own"
-    # The only component that is drawn. The value 0 is the largest component, and None draws all components.
+    # The only component that is drawn. The index 0 is the largest component, and None draws all components.
     component: int | None = None
     # The selected element: a kind, and an index in its layer.
     element: tuple[str, int] | None = None
-    # The selected vertex, for which the fans are shown.
+    # The selected vertex, whose fans of faces are shown.
     vertex: int | None = None
     help: bool = False
     legend: bool = True
@@ -118,7 +118,7 @@ class ViewState:
         self.message = f"{layer.style.label}: {len(layer):,}"
 
     def toggle_all(self) -> None:
-        """Hide all layers if any layer is visible, otherwise show all."""
+        """If any layer is visible, hide all layers, otherwise show all layers."""
         self.visible = set() if self.visible else {k for k, layer in self.model.layers.items() if len(layer)}
         self.message = "All layers are shown" if self.visible else "All layers are hidden"
 
@@ -176,7 +176,7 @@ class ViewState:
         self.message = self.describe(kind, place)
 
     def choose_vertex(self, vertex: int | None) -> None:
-        """Select a vertex for the fan inspector. None selects no vertex."""
+        """Select a vertex for the fan inspector. If the vertex is None, no vertex is selected."""
         self.vertex, self.element = vertex, None
         if vertex is None:
             self.message = "No face at this point"
@@ -211,7 +211,7 @@ class ViewState:
     def component_of(self, kind: str, place: int) -> int | None:
         """Return the component that contains an element.
 
-        A vertex can be in several components; the function returns the largest component.
+        A vertex can be in several components. The function returns the largest of these components.
         """
         layer, model = self.model.layers[kind], self.model
         number = int(layer.numbers[place])
@@ -283,7 +283,7 @@ def parse_kinds(model: ViewModel, texts: Iterable[str]) -> set[str]:
 
 
 def parse_element(model: ViewModel, text: str) -> tuple[str, int]:
-    """Return the kind and the index of "KIND:N", the N-th element of a layer. N starts at 1."""
+    """Return the kind and the index of "KIND:N", the N-th element of a layer. The number N starts at 1."""
     kind, _, number = text.partition(":")
     if kind not in model.layers:
         known = ", ".join(model.layers)

@@ -38,7 +38,7 @@ class Skin:
 
     @property
     def cutoff(self) -> float:
-        """If the product of the two alpha values is below this value, nothing is drawn."""
+        """If the product of the two alpha values is below this cutoff, nothing is drawn."""
         return (self.textured.sampler.alpha_cutoff or 0.0) - ROUNDING
 
     def by_texture(self, rows: NDArray[Any]) -> list[tuple[int, NDArray[Any]]]:
@@ -53,10 +53,10 @@ class Skin:
 class ViewedMesh:
     """A stored mesh, whose values are not checked.
 
-    If the mesh has a `skin`, `colors` contains the texture colours at the corners. They are used for drawing
-    without textures. `up` is an axis such as "+y", or "unknown". `notes` are messages about the drawing.
-    `attributes` are vertex attributes that can have seams, where vertices are duplicated. `seams` describes
-    the merged seams, or is None.
+    If the mesh has a `skin`, `colors` contains the texture colours at the corners. These colours are used for
+    drawing without textures. `up` is an axis such as "+y", or "unknown". `notes` are messages about the
+    drawing. `attributes` are vertex attributes that can have seams, where vertices are duplicated. `seams`
+    describes the merged seams. If no seams were merged, it is None.
     """
 
     name: str
@@ -82,7 +82,8 @@ def read_viewed_mesh(path: Path) -> ViewedMesh:
 def viewed_mesh(mesh: StoredMesh, path: Path) -> ViewedMesh:
     """Return a mesh from the file `path` with the colours of the standard tier (opaque rendering).
 
-    The mesh has all stored faces, including faces that an STE threshold hides, because the audit counts them.
+    The mesh has all stored faces, because the audit counts them. This includes faces that an STE threshold
+    hides.
     """
     from msb.asset.look import static_colors
     from msb.errors import AssetError
@@ -142,7 +143,7 @@ def _skin(mesh: StoredMesh, tint: StaticColors | None) -> tuple[Skin | None, Sta
         return Skin(textured, None), colors
     light = np.nan_to_num(corner_tint(tint, faces), nan=0.0)
     texels = encode_texels(light, 4)
-    # Round the cutoff up. Otherwise rounding could move alpha below the cutoff.
+    # Round the cutoff up. Without rounding up, alpha could be below the cutoff because of a rounding error.
     texels[:, 3] = np.ceil(light[:, 3] * 255)
     return Skin(textured, texels), colors
 

@@ -27,7 +27,7 @@ from msb_viewers.state import HELP, ViewState
 _GAP = 12
 # Samples per pixel that smooth the edges of faces and lines while the view does not move.
 _SAMPLES = 4
-# Number of frames of a camera flight to an element, which takes a quarter of a second at 60 frames per
+# Number of frames of the camera movement to an element. At 60 frames per second, it takes a quarter of a
 # second.
 _FLIGHT_FRAMES = 14
 
@@ -35,7 +35,7 @@ _FLIGHT_FRAMES = 14
 class TopologyViewer:
     """A view of a mesh and its defects, in a window or off-screen. Only `show` needs a window.
 
-    `up` is the axis that points up, such as "+y"; by default the axis of the model. `state` is the
+    `up` is the axis that points up, such as "+y". The default is the axis of the model. `state` is the
     initial state.
     """
 
@@ -113,7 +113,7 @@ class TopologyViewer:
         self.camera.SetViewUp(*pose.up)
 
     def image(self) -> NDArray[np.uint8]:
-        """Draw and return the window (H, W, 3), row 0 at the top."""
+        """Draw the window and return its image (H, W, 3). Row 0 is at the top."""
         self.refresh()
         return np.asarray(self.plotter.screenshot(None, return_img=True), np.uint8)[..., :3]
 
@@ -204,7 +204,7 @@ class TopologyViewer:
             self.fly(pose)
 
     def project(self, points: NDArray[Any]) -> NDArray[np.float64]:
-        """Return the pixels (n, 2) of positions (n, 3) in view units; the origin is the top left corner."""
+        """Return the pixels (n, 2) of positions (n, 3) in view units. The origin is the top left corner."""
         width, height = self.size
         matrix = self._matrix()
         ends = np.concatenate([points, np.ones((len(points), 1))], axis=1) @ matrix.T
@@ -213,7 +213,7 @@ class TopologyViewer:
         return np.stack([(device[:, 0] + 1) / 2 * width, (1 - device[:, 1]) / 2 * height], axis=1)
 
     def pick(self, x: float, y: float) -> int | None:
-        """Find the face at a pixel, and select its vertex nearest to the pixel.
+        """Find the face at a pixel. Select the vertex of this face that is nearest to the pixel.
 
         Return the selected vertex, or None.
         """
@@ -242,7 +242,7 @@ class TopologyViewer:
         self.camera.SetClippingRange(near, far * 1.01)
 
     def set_box(self, box: NDArray[Any] | None) -> None:
-        """Draw only the part inside a box (3, 2) in view units; None draws everything."""
+        """Draw only the part inside a box (3, 2) in view units. None draws everything."""
         self.stage.box = None if box is None else np.asarray(box, np.float64)
         drawing.clip(self.stage.actors(), self.stage.box)
 
@@ -257,7 +257,7 @@ class TopologyViewer:
     def legend_hit(self, x: float, y: float) -> str | None:
         """Return the legend's action at a pixel.
 
-        The result is "" for the legend's background, and None outside the legend.
+        For the legend's background the result is "", and outside the legend it is None.
         """
         if self._legend is None:
             return None

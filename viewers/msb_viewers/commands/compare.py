@@ -25,7 +25,7 @@ from msb_viewers.commands.window import Window
 
 @dataclass(frozen=True)
 class CompareOptions:
-    """The renderer tiers and photographs to compare, and the first layout."""
+    """The renderer tiers and photographs to compare, and the first layout of the page."""
 
     scene: Annotated[
         Path | None,
@@ -95,7 +95,7 @@ def compare(
     Images are shown side by side, with a wipe, or as a map of their difference with the PSNR. --html writes a
     page of all views, which can switch between these layouts. --screenshot writes an image of the first view.
     If neither --cameras nor --scene is given, the command uses the training cameras next to the model. A
-    model without training cameras is shown from a turntable.
+    model without training cameras is shown in views from a turntable.
     """
     if options.scene is not None:
         typed.reject(["cameras"], "cannot be combined with --scene, which has its own cameras")

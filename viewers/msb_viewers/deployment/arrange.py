@@ -115,7 +115,7 @@ def _grid(tiers: Sequence[str], area: Box, gap: int, caption: int, aspect: float
 
 
 def _cell(kind: str, box: Box, caption: int) -> Cell:
-    """Return a panel. Its caption fills the lower `caption` pixels of `box`."""
+    """Return a panel. The caption fills the lower `caption` pixels of `box`."""
     high = max(box.height - caption, _LEAST)
     return Cell(
         kind,

@@ -32,8 +32,8 @@ from msb_viewers.deployment.state import LAYOUTS, CompareState, Layout
 from msb_viewers.deployment.views import View, scene_views, views_at
 from msb_viewers.sheet import write_png
 
-# Turntable for models without cameras: the number of views, and their width and height in pixels. Large
-# images of training cameras are scaled down so that their longer side has 640 pixels.
+# Turntable for models without cameras: number of views, width and height in pixels. Large images of training
+# cameras are scaled down so that their longer side has 640 pixels.
 TURNTABLE = (8, 640, 480)
 
 Note = Callable[[str], None]
@@ -53,8 +53,8 @@ class Compared:
     missing : mapping of str to str
         For each missing tier, the reason why the tier has no image.
     psnr : mapping of str to mapping
-        For each view name, the PSNR in dB of each pair of tiers in alphabetical order. The value is infinity
-        for equal images. If a pair does not have two images of equal size, it is omitted.
+        For each view name, the PSNR in dB of each pair of tiers in alphabetical order. For equal images, the
+        PSNR is infinity. If a pair of tiers does not have two images of equal size, it is omitted.
     written : tuple of Path
         The written files.
     notes : tuple of str
@@ -105,8 +105,8 @@ def compare(
     overwrite : bool
         Replace existing files.
     views : sequence of str
-        Names or numbers of the cameras of `scene`; for a folder also "train" or "all". Default: the test
-        views of a folder, or all cameras of a file.
+        Names or numbers of the cameras of `scene`. For a folder, "train" and "all" are also accepted.
+        Default: the test views of a folder, or all cameras of a file.
     tiers : sequence of str
         One or more of "reference", "dedicated", "standard", "baked" and "truth" (photographs). Default: all
         tiers.
@@ -117,7 +117,7 @@ def compare(
     scale : float, optional
         Size of the images relative to the cameras, as in `msb compare --scale`.
     layout : {"side", "wipe", "difference"}
-        Layout of the screenshot, and the first layout of the page.
+        Layout of the screenshot. This is also the first layout of the page.
     pair : (str, str), optional
         The two tiers that wipe and difference compare.
     background, settings, supersample, device
@@ -302,8 +302,8 @@ def write(
     only_first = html is None and screenshot is not None
     views = scene.views[:1] if only_first else scene.views
     with TierRenderers(scene) as renderers:
-        # The page shows all views on all tiers. An image needs only the first view, on the tiers that the
-        # layout shows.
+        # The page shows all views on all tiers. An image of a comparison needs only the first view, and only
+        # the tiers that the layout shows.
         rows: list[dict[str, Any]] = []
         first: dict[str, Shot] = {}
         with counted("drawing", len(views)) as step:

@@ -96,7 +96,10 @@ class _Composer:
             self.draw_caption(tier, Box(box.left + index * (half + gap), box.top, half, box.height))
 
     def draw_wipe(self, cell: Box) -> Box:
-        """Draw the left part of A and the right part of B with a divider between them; return the box."""
+        """Draw the left part of A and the right part of B with a divider between them.
+
+        Return the box of the image.
+        """
         a, b = self.state.pair
         first, second = self.image_of(a), self.image_of(b)
         if first is None or second is None:
@@ -112,7 +115,7 @@ class _Composer:
         return box
 
     def draw_difference(self, cell: Box) -> Box:
-        """Draw the map of the difference of A and B, and return its box."""
+        """Draw the map of the difference of A and B. Return the box of the map."""
         a, b = self.state.pair
         first, second = self.image_of(a), self.image_of(b)
         if first is None or second is None:
@@ -136,7 +139,7 @@ class _Composer:
         left = box.left + width + px(12)
         text = f"PSNR of B ({b}) with respect to A ({a}), both as 8-bit images"
         canvas.write(left, y + px(1), text, 12, FAINT, anchor="lm", room=box.right - left)
-        # The scale from black (0) to the brightest colour (TOP), with five labels.
+        # Draw the scale from black (0) to the brightest colour (TOP), with five labels.
         bar = Box(box.left, box.top + px(36), box.width, px(14))
         colors = scale_colors()[np.linspace(0, 255, bar.width).astype(int)]
         canvas.paste(np.repeat(colors[None], bar.height, axis=0), bar)

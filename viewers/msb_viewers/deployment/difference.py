@@ -64,7 +64,7 @@ def resize(image: NDArray[Any], width: int, height: int) -> NDArray[Any]:
 
     if image.shape[:2] == (height, width):
         return image
-    # Average pixels if the image becomes smaller, and repeat pixels if it becomes larger.
+    # If the image becomes smaller, average pixels. If it becomes larger, repeat pixels.
     smaller = width < image.shape[1] or height < image.shape[0]
     filtering = Image.Resampling.BOX if smaller else Image.Resampling.NEAREST
     return np.asarray(Image.fromarray(image).resize((width, height), filtering))

@@ -5,7 +5,8 @@ const label = (tier) => meta.tiers.find((p) => p.tier === tier).label;
 const shot = (tier, at = state.at) => meta.views[at].shots[tier];
 const drawable = meta.tiers.filter((p) => p.drawable).map((p) => p.tier);
 
-// PSNR in dB between two tiers: a number, "identical", or undefined if an image is missing.
+// PSNR in dB between two tiers. The value is a number or "identical". If an image is missing, it is
+// undefined.
 const decibels = (a, b, at = state.at) => meta.views[at].decibels[a < b ? `${a} ${b}` : `${b} ${a}`];
 const inWords = (value) => (typeof value === "number" ? `${value.toFixed(2)} dB` : value);
 

@@ -29,8 +29,8 @@ LABELS = {
     "standard": "Standard",
     BAKED: "Baked",
 }
-# Maximum number of faces for which the reference tier is drawn by default. For more faces, NumPy needs
-# minutes per view.
+# Maximum number of faces for which the reference tier is drawn by default. For a larger number of faces,
+# NumPy needs minutes per view.
 MOST_REFERENCE_FACES = 200_000
 
 

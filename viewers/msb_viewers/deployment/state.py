@@ -18,8 +18,8 @@ LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 class CompareState:
     """The layout of a comparison.
 
-    `pair` has the tiers A and B that wipe and difference compare. Each PSNR compares a tier with the tier A.
-    If only one tier has an image, it is both A and B.
+    `pair` has the tiers A and B that wipe and difference compare. The PSNR of each tier compares the tier
+    with the tier A. If only one tier has an image, A and B are both this tier.
     """
 
     comparison: Comparison

@@ -44,9 +44,9 @@ def dataset_views(
     """Return a view for each camera, with its photograph if a photograph exists.
 
     Photographs in the folder `images` have the names of the cameras, with any file suffix. If `images` is
-    missing, the paths of the photographs come from the dataset, or the photographs are in the folder
-    `beside`. A view has the size of its photograph. If `scale` is given, the size of a view is the camera's
-    size times `scale`, as in `msb render`.
+    missing, the dataset provides the paths of the photographs. Without a dataset, photographs are in the
+    folder `beside`. A view has the size of its photograph. If `scale` is given, the size of a view is the
+    camera's size times `scale`, as in `msb render`.
     """
     if images is not None and not images.is_dir():
         raise UsageError("USAGE", "--image-folder: the folder does not exist", file=images)
@@ -73,7 +73,10 @@ def dataset_views(
 
 
 def scene_views(scene: Scene, cameras: Sequence[Camera], scale: float | None = None) -> list[View]:
-    """Return views of some cameras of a scene. If `scale` is given, it multiplies the size of the views."""
+    """Return views of some cameras of a scene.
+
+    If `scale` is given, the size of the views is multiplied by `scale`.
+    """
     return [
         View(
             camera.name or f"camera {index}",
