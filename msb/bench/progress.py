@@ -11,7 +11,7 @@ class RemainingTime(NamedTuple):
 
     seconds: float
     # Whether the estimate is a lower bound. The estimate is a lower bound if a kind of task has no finished
-    # task yet. It is also a lower bound if a task takes longer than the average of its kind.
+    # task yet. The estimate is also a lower bound if a task takes longer than the average of its kind.
     at_least: bool
 
 

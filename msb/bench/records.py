@@ -294,7 +294,7 @@ class Memory(Record):
 class Floor(Record):
     """Time and memory of the renderer for a single triangle at this image size.
 
-    This is the fixed cost of drawing any mesh.
+    The cost of a single triangle is the fixed cost of drawing any mesh.
     """
 
     width: Annotated[int, Field(gt=0)]

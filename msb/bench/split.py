@@ -37,7 +37,7 @@ class Split:
     steps : mapping of StepName to Gap
         The loss of each part. The value is positive if the condition nearer to Dedicated is better.
     within : mapping of StepName to StepName
-        If no bake separates a part from another part, this is the part that includes it.
+        For a part that was not measured separately, the part that includes its loss.
     ceiling, baked : str or None
         The conditions of the two bakes that separate the parts.
     """

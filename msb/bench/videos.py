@@ -51,7 +51,7 @@ class FilmTask:
 
     # Dataset and scene of the video. For the video of one method, `names` also includes the model.
     names: tuple[str, ...]
-    # The benchmark jobs in display order. They are the conditions of one video, or the methods of a grid.
+    # The benchmark jobs in display order. The jobs are the conditions of one video, or the methods of a grid.
     jobs: tuple[Job, ...]
     options: VideosTable
     # The hash of all inputs of the video.

@@ -18,7 +18,7 @@ DENSITY = 0.2
 # margin at the upper corner is twice as wide, as in the official code.
 PATCH = 60.0
 # Distances of this many mm or more are excluded from the averages. Distances above the limit are excluded
-# from the averages. They are not clipped.
+# from the averages. Large distances are not clipped.
 MAX_DISTANCE = 20.0
 # Number of query points per batch of the neighbour search.
 _QUERIES = 1 << 20

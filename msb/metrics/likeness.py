@@ -11,6 +11,6 @@ NEARLY = 25.0
 def decibels(value: float) -> str:
     """Return a PSNR as text, such as "34.9 dB" for 34.998.
 
-    The PSNR is rounded down. Otherwise a value just below a limit would be printed as the limit.
+    The PSNR is rounded down. Without rounding down, a value just below a limit would be printed as the limit.
     """
     return f"{math.floor(10 * value + 1e-9) / 10:.1f} dB"

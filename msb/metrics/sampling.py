@@ -1,6 +1,6 @@
 """Sample points on a mesh at a given spacing, and thin them until no two are close.
 
-Both functions follow eval.py of `jzhangbs/DTUeval-python`, which `hbb1/2d-gaussian-splatting` adapts in
+The two functions follow eval.py of `jzhangbs/DTUeval-python`, which `hbb1/2d-gaussian-splatting` adapts in
 scripts/eval_dtu/eval.py. Unlike eval.py, both functions limit memory and do not loop over faces.
 """
 
@@ -55,9 +55,9 @@ def sample_surface(
     """Return points on the faces, in the order of the faces, and the number of faces with a non-zero area.
 
     The points are about `spacing` apart, in the units of the vertices. A face has the edges e1 = v1 - v0 and
-    e2 = v2 - v0 of lengths l1 and l2. Both edges have n = floor(l / step) steps, where step = spacing sqrt(l1
-    l2 / |e1 x e2|). The points are v0 + c1 e1 + c2 e2 with c = (i + 0.5) / n, for all c1 + c2 < 1. A face
-    with an edge e1 or e2 shorter than one step gets no points.
+    e2 = v2 - v0 of lengths l1 and l2. The edges e1 and e2 have n = floor(l / step) steps, where step =
+    spacing sqrt(l1 l2 / |e1 x e2|). The points are v0 + c1 e1 + c2 e2 with c = (i + 0.5) / n, for all c1 + c2
+    < 1. A face with an edge e1 or e2 shorter than one step gets no points.
     """
     origin = vertices[faces[:, 0]]
     first, second = vertices[faces[:, 1]] - origin, vertices[faces[:, 2]] - origin

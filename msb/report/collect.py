@@ -114,8 +114,8 @@ def collect(results: ResultSet) -> Numbers:
                 metrics = _metrics_of(condition)
                 _add_condition(values, views, dataset, method, condition, metrics, of_scenes)
             _add_condition(values, views, dataset, method, "non_engine", ASSET_METRICS, of_scenes)
-            # Add differences between conditions, and add parts of the loss. Both kinds of values are computed
-            # for each scene and on average.
+            # Add differences between conditions, and add parts of the loss. Differences and parts are
+            # computed for each scene and on average.
             _add_gaps(gaps, dataset, method, list_gap_pairs(conditions, renderers), of_scenes)
             expected = expected_scenes(dataset, scenes)
             for scene, averaged in {**{scene: (scene,) for scene in scenes}, MEAN: expected}.items():

@@ -38,7 +38,8 @@ from msb.report.tables.bakes import STEP_TITLES
 _MAX_FINDINGS = 12
 # Kinds of findings that are kept even if there are more than `_MAX_FINDINGS`.
 _ALWAYS_KEPT = ("slowdown", "engine_slowdown", "walk", "structure", "training", "unsupported")
-# Kinds of findings that are listed last. These findings are expected, or do not concern deployment.
+# Kinds of findings that are listed last. The findings of these kinds are expected, or do not concern
+# deployment.
 _MINOR = ("monotone", "same_ranking", "training", "unsupported")
 # A PSNR difference below this value, in dB, is printed as 0.00.
 _MIN_DIFFERENCE = 0.005

@@ -107,7 +107,7 @@ def paper_numbers(*tables: str) -> Numbers:
     """Return the numbers of the paper's tables. The order is the paper's order.
 
     `tables` are labels of tables. By default, all tables are read. If two tables contain different numbers
-    for one key, both numbers are kept. Their values of `Key.source` are different.
+    for one key, both numbers are kept. The values of `Key.source` are different for the two numbers.
     """
     values: dict[Key, Number] = {}
     for label in tables or PAPER_TABLES:

@@ -28,7 +28,7 @@ class TableCell:
     value : float, bool, str or None
         The unrounded value in `unit`. The value is None for "N/A" and "--".
     metric, unit : str
-        Metric and unit. Both are empty if the value is not a measurement.
+        Metric and unit. Metric and unit are empty if the value is not a measurement.
     bold : bool
         Whether the value is printed bold. Usually, bold marks the best value of a group.
     reason : str or None
@@ -122,7 +122,7 @@ class TableRow:
     strong : bool
         Whether the row contains means.
     paper : bool
-        Whether the row contains the paper's numbers. These rows are printed below ours.
+        Whether the row contains the paper's numbers. The paper's rows are printed below ours.
     """
 
     labels: tuple[str, ...]

@@ -255,7 +255,7 @@ def _judge_bake(condition: str, record: Result) -> Statement:
 
 
 def _make_notes(place: Place, numbers: Numbers, records: Mapping[str, Result]) -> Iterator[Statement]:
-    """Yield notes on training, memory, size and accuracy. These judgements are notes without a mark."""
+    """Yield notes on training, memory, size and accuracy. Notes are judgements without a mark."""
     texts = dict.fromkeys(text for record in records.values() for text in record.trained)
     if texts:
         yield Statement("NOTE", "Training", f"{_capitalize('; '.join(texts))}.")

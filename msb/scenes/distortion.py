@@ -149,5 +149,5 @@ DISTORTIONS: dict[str, Callable[[Array, Array, Sequence[float]], tuple[Array, Ar
     "DIVISION": _distort_division,
     "EUCM": _distort_eucm,
 }
-# Fisheye models. They distort the image even if all coefficients are zero.
+# Fisheye models. Fisheye models distort the image even if all coefficients are zero.
 _CURVED = {name for name in DISTORTIONS if "FISHEYE" in name}

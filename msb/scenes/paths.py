@@ -104,7 +104,7 @@ def interpolate_cameras(cameras: Sequence[Camera], count: int, *, closed: bool =
     begins at the first camera and ends at the last camera. A `closed` camera flight is a loop: after its last
     frame, the flight returns to the first camera. The velocity and the angular velocity are continuous.
 
-    Centres follow the uniform Catmull-Rom spline (E. Catmull and R. Rom, A class of local interpolating
+    Centres follow the uniform Catmull-Rom spline (Catmull and Rom, A class of local interpolating
     splines, 1974). Beyond its ends, an open camera flight continues with mirrored cameras. Rotations follow
     the same spline of unit quaternions, with signs aligned and the result normalised. Between two cameras,
     the rotation is spherical linear interpolation (slerp). Focal lengths and principal points are

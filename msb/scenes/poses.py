@@ -140,7 +140,7 @@ def _unit(vector: NDArray[np.float64], least: float = 0.0) -> NDArray[np.float64
 def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
     """Return the rotation matrix (3, 3) of a quaternion (w, x, y, z) of any length except 0.
 
-    Source: K. Shoemake, Animating rotation with quaternion curves, SIGGRAPH 1985, section 3.
+    Source: Shoemake, Animating rotation with quaternion curves, SIGGRAPH 1985, section 3.
     """
     w, x, y, z = np.asarray(quaternion, dtype=np.float64) / math.hypot(*np.asarray(quaternion))
     return np.array(
@@ -153,13 +153,13 @@ def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
 
 
 def quaternion_from_rotation(rotation: ArrayLike) -> NDArray[np.float64]:
-    """Return the unit quaternion (w, x, y, z) of a rotation matrix (3, 3) as (4,) float64. Its sign is
-    arbitrary.
+    """Return the unit quaternion (w, x, y, z) of a rotation matrix (3, 3) as (4,) float64. The sign of the
+    quaternion is arbitrary.
 
     The quaternion is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 matrix. The eigenvector
     computation is stable for all rotation angles. If the matrix is not exactly a rotation, the nearest
-    rotation is used. Source: I. Y. Bar-Itzhack, New method for extracting the quaternion from a rotation
-    matrix, J. Guidance 23(6), 2000.
+    rotation is used. Source: Bar-Itzhack, New method for extracting the quaternion from a rotation
+    matrix, Journal of Guidance 23(6), 2000.
     """
     (a, b, c), (d, e, f), (g, h, i) = np.asarray(rotation, dtype=np.float64)
     symmetric = np.array(

@@ -26,7 +26,7 @@ from msb.why.views import CauseViews, DoesNotApplyError, Image
 
 # Logit of an opacity of 1 - 2e-9. In float32, this opacity rounds to 1.
 _FULL_LOGIT = np.float32(20.0)
-# For each coverage kernel, the settings for a coverage of 1 inside a face and 0 outside. These settings are a
+# For each coverage kernel, the settings for a coverage of 1 inside a face and 0 outside. The settings are a
 # steep power and a narrow window.
 _HARD_SETTINGS: dict[str, dict[str, float]] = {
     "gaussian_power": {"gamma": 1000.0},

@@ -107,7 +107,7 @@ def why(
     background : (3,) floats, or str, optional
         The background, with the values and the default of `msb.render`.
     settings : mapping, optional
-        Settings of all renderings. They replace the settings stored in the asset.
+        Settings of all renderings. The given values replace the settings stored in the asset.
     device : str, optional
         The OpenCL device.
     step : callable

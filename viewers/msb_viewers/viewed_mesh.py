@@ -53,10 +53,10 @@ class Skin:
 class ViewedMesh:
     """A stored mesh, whose values are not checked.
 
-    If the mesh has a `skin`, `colors` contains the texture colours at the corners. These colours are used for
-    drawing without textures. `up` is an axis such as "+y", or "unknown". `notes` are messages about the
-    drawing. `attributes` are vertex attributes that can have seams, where vertices are duplicated. `seams`
-    describes the merged seams. If no seams were merged, it is None.
+    If the mesh has a `skin`, `colors` contains the texture colours at the corners. The corner colours are
+    used for drawing without textures. `up` is an axis such as "+y", or "unknown". `notes` are messages about
+    the drawing. `attributes` are vertex attributes that can have seams, where vertices are duplicated.
+    `seams` describes the merged seams. If no seams were merged, it is None.
     """
 
     name: str

@@ -108,8 +108,8 @@ def _bake_name_cell(condition: str) -> TableCell:
 def _step_cell(key: SplitKey, split: Split, name: StepName, ends: Sequence[Number]) -> TableCell:
     """Return the table cell of one part of a loss.
 
-    If the bake between two parts is missing, only the sum of both parts is known. Then one cell contains the
-    sum, and the other cell is empty.
+    If the bake between two parts is missing, only the sum of both parts is known. One table cell then
+    contains the sum, and the other cell is empty.
     """
     gap = split.steps.get(name)
     if gap is not None and gap.signed is not None:

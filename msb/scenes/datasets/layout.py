@@ -41,7 +41,7 @@ def find_layout(folder: Path) -> Layout | None:
 def find_scenes(path: Path) -> list[Path]:
     """Return the scenes at `path`.
 
-    This is the folder itself, or scenes at most two levels below the folder.
+    The result contains the folder itself, or scenes at most two levels below the folder.
     """
     check_folder(path)
     if find_layout(path) is not None:

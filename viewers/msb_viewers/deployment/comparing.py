@@ -117,7 +117,7 @@ def compare(
     scale : float, optional
         Size of the images relative to the cameras, as in `msb compare --scale`.
     layout : {"side", "wipe", "difference"}
-        Layout of the screenshot. This is also the first layout of the page.
+        Layout of the screenshot. The first layout of the page is the same.
     pair : (str, str), optional
         The two tiers that wipe and difference compare.
     background, settings, supersample, device
