@@ -112,7 +112,7 @@ def find_pairs(
 
 
 def _make_selection_error(only: Sequence[str], names: Sequence[str]) -> UsageError:
-    text = f"--only {' --only '.join(only)} selects no cell; possible words are {', '.join(names)}"
+    text = f"--only {' --only '.join(only)} selects no benchmark cell; possible words are {', '.join(names)}"
     return UsageError("USAGE", text)
 
 

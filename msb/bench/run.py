@@ -322,7 +322,7 @@ class _Run:
         for write, plan in ((write_video, plan_videos), (write_grid, plan_grids)):
             for task, answer in self.run_tasks("videos", write, plan(options, jobs)):
                 if isinstance(answer, Exception):
-                    self.watch.note(f"warning: {task.name}: the film was not written: {answer}")
+                    self.watch.note(f"warning: {task.name}: the video was not written: {answer}")
 
     def run_tasks(
         self,

@@ -107,7 +107,7 @@ def find_framing(asset: Asset) -> Framing:
     framed = np.zeros(len(faces), bool)
     framed[solid[kept]] = True
     around = measure_bounds(positions[np.unique(faces[framed])])[1]
-    text = "vertices without a face of non-zero area"
+    text = "vertices that no face with an area uses"
     if count := int((~kept).sum()):
         radii = near[~kept].min() / max(around.radius, np.finfo(np.float64).tiny)
         more = "" if count == 1 else " or more"

@@ -232,7 +232,7 @@ CAUSES = (
         _draw_supersampling,
         "Zoom in: edges are jagged, and thin faces appear and disappear. Compare with msb render --tier "
         "dedicated --set supersample=1.",
-        "Render larger by the factor used in training and scale down, or turn on multisampling.",
+        "Supersample by the factor used in training, or turn on multisampling.",
     ),
     CauseDefinition(
         "shading",

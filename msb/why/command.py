@@ -130,7 +130,10 @@ def _print(
     for line in _describe_total(causes, output.quiet):
         console.print(line, soft_wrap=output.quiet)
     if save is not None and not output.quiet:
-        console.print(f"Images, left without and right with each cause: {escape(str(save))}", soft_wrap=True)
+        console.print(
+            f"Images (left half without the cause, right half with the cause): {escape(str(save))}",
+            soft_wrap=True,
+        )
     absent = [cause for cause in causes if not cause.applies]
     if absent and not output.quiet:
         console.print("\nCauses that do not apply:")

@@ -143,8 +143,8 @@ def describe_scene(path: Path, **options: Any) -> SceneReport:
         scene = read_scene(path, **options)
     except MsbError as error:
         problem = error
-    # First describe the folder. This works even if the scene is invalid. Then describe the evaluation of the
-    # scene.
+    # First describe the folder. A folder can be described even if its scene is invalid. Then describe the
+    # evaluation of the scene.
     dataset = options.get("dataset") or dataset_of(path)
     images = _list_image_folders(path, scene)
     points, of_points = _count_points(path, layout)
