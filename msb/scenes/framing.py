@@ -75,7 +75,7 @@ class Framing:
 
 
 def find_framing(asset: Asset) -> Framing:
-    """Return the sphere around an asset. Few far outliers with little area are left out.
+    """Return the sphere around an asset. Far outliers are left out if they are few and have little area.
 
     For Gaussians, everything outside the dense parts is left out.
     """

@@ -293,7 +293,7 @@ def frame_vertices(
     low, high = used.min(axis=0), used.max(axis=0)
     center = low / 2 + high / 2
     radius = _largest_distance(used, center)
-    # Compute a sphere around the median of a sample of vertices. The radius contains 95 % of the sample.
+    # Compute a sphere around the median of a sample of vertices. The sphere contains 95 % of the sample.
     sample = used[:: max(len(used) // _FRAMING_SAMPLE, 1)]
     middle = np.median(sample, axis=0)
     with np.errstate(over="ignore"):

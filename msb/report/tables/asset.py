@@ -1,4 +1,4 @@
-"""The tables on the page of one asset. One table lists the origins of the asset's numbers."""
+"""The tables on the page of one asset. The page also lists the origins of the asset's numbers."""
 
 from collections.abc import Mapping
 
