@@ -72,9 +72,10 @@ def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
 
     The file is a state dict of the torchvision VGG16 written by torch.save, or an .npz with the same keys.
     Other keys of the file (classifier.*) are ignored. Loading does not execute code from the file. Weights
-    are features.N.weight (out, in, 3, 3) and features.N.bias (out,), float32. The record has the key "file" with the
-    file name, and the key "known" with the name of published weights or None. The key "sha256" is the hash of
-    the file. The key "tensors_sha256" is the hash of the values, which does not depend on the file format.
+    are features.N.weight (out, in, 3, 3) and features.N.bias (out,), float32. The record has the key "file"
+    with the file name, and the key "known" with the name of published weights or None. The key "sha256" is
+    the hash of the file. The key "tensors_sha256" is the hash of the values, which does not depend on the
+    file format.
     """
     place = regular_file(path)
     shapes: dict[str, tuple[int, ...]] = {f"features.{n}.weight": (o, i, 3, 3) for n, i, o in LAYERS}
