@@ -18,14 +18,14 @@ from msb.topology.metric_text import DECIMALS
 
 Better = Literal["higher", "lower"]
 _MIB = float(1 << 20)
-# Limit for the difference between the frame rates of the rounds, relative to the overall frame rate. On an
-# idle machine the rounds differ by a few percent. A difference of more than 25 % shows that other programs
-# slowed down the renderer.
+# Maximum difference between the frame rates of two timing rounds, relative to the overall frame rate. On an
+# idle machine, the frame rates of timing rounds differ by a few percent. A difference of more than 25 % shows
+# that other programs slowed down the renderer.
 MAX_RATE_RANGE = 0.25
 
 
 class Metric(NamedTuple):
-    """A number of the tables: its title, unit and precision, and a function that reads it from a record."""
+    """A number in the tables: title, unit, precision, and a function that reads the value from a record."""
 
     title: str
     unit: str
@@ -33,22 +33,23 @@ class Metric(NamedTuple):
     # Whether higher or lower values are better; None for a metric without a direction.
     better: Better | None
     get: Callable[[Result], float | None]
-    # Factor between the printed unit and the unit of the records: 60 if seconds are printed as minutes.
+    # Factor between the printed unit and the unit of the records. The factor is 60 if seconds are printed as
+    # minutes.
     scale: float = 1.0
 
     @property
     def last_digit(self) -> float:
-        """The value of the last printed digit, in the unit of the records."""
+        """The value of one unit of the last printed digit, in the unit of the records."""
         return float(10.0**-self.decimals * self.scale)
 
 
 def _read_metric(name: str) -> Callable[[Result], float | None]:
-    """Return a function that reads an image metric from a record."""
+    """Return a function that reads an image metric from a benchmark record."""
     return lambda result: None if result.quality is None else result.quality.values[name]
 
 
 def _read_key(place: str) -> Callable[[Result], float | None]:
-    """Return a function that reads a dotted name such as "walk.flicker" from a record."""
+    """Return a function that reads a value from a record by its dotted name, such as "walk.flicker"."""
 
     def get(result: Result) -> float | None:
         value: Any = result
@@ -60,7 +61,7 @@ def _read_key(place: str) -> Callable[[Result], float | None]:
 
 
 def _read_timing(get: Callable[[Timing], float | None]) -> Callable[[Result], float | None]:
-    """Return a function that computes a number from the timing of a record."""
+    """Return a function that computes a number from the timing section of a record."""
     return lambda result: None if result.timing is None else get(result.timing)
 
 
@@ -73,7 +74,7 @@ def _read_device_time(get: Callable[[Timing], float]) -> Callable[[Result], floa
 
 
 def _compute_rate_range(timing: Timing) -> float | None:
-    """Return the difference between the fastest and the slowest round, relative to the overall frame rate."""
+    """Return the range of the frame rates of the timing rounds, divided by the overall frame rate."""
     rates = timing.round_fps
     return (max(rates) - min(rates)) / timing.fps if len(rates) > 1 else None
 
@@ -109,7 +110,7 @@ def _count_faces(result: Result) -> float | None:
 
 
 def _count_working_tasks(result: Result) -> float | None:
-    """Return the number of tasks that work, with or without limitations."""
+    """Return the number of trial tasks that work, with or without limitations."""
     trials = [] if result.trial is None else result.trial.trials
     return sum(trial.outcome in ("works", "care") for trial in trials) if trials else None
 
@@ -169,13 +170,14 @@ def _list_metrics() -> Mapping[str, Metric]:
     return images | _OTHERS
 
 
-# All numbers of the tables. Memory and sizes are in bytes. `spread_ms` is P95 - P50, and `host_ms` is the
-# wall-clock time of a frame minus its device time. `unsteady` is the difference between the fastest and the
-# slowest round, divided by the overall frame rate. `flicker` and `holes` are measured on the walk, a camera
-# path away from the captured views. `chamfer` is the DTU benchmark's "overall" distance.
+# All numbers of the tables. Memory and sizes are in bytes. `spread_ms` is the 95th percentile minus the
+# median. `host_ms` is the wall-clock time of a frame minus its device time. `unsteady` is the difference in
+# frame rate between the fastest and the slowest timing round, relative to the overall rate. `flicker` and
+# `holes` are measured on the walk, a camera path away from the captured views. `chamfer` is the DTU
+# benchmark's "overall" distance.
 METRICS: Mapping[str, Metric] = Lazy(_list_metrics)
 
-# The scenes of each dataset that are averaged.
+# The scenes of each dataset over which averages are computed.
 SCENES: dict[str, tuple[str, ...]] = {name: tuple(dataset.scenes) for name, dataset in DATASETS.items()}
 # The printed name of each dataset, in the order of the tables.
 TITLES: dict[str, str] = {name: dataset.title for name, dataset in DATASETS.items()}
@@ -207,7 +209,7 @@ class Mean:
 
 
 def expected_scenes(dataset: str, present: Iterable[str]) -> tuple[str, ...]:
-    """Return the scenes of `dataset` that averages include.
+    """Return the scenes of `dataset` over which averages are computed.
 
     The result is all published scenes if `present` contains a published scene, otherwise the scenes in
     `present`.

@@ -44,7 +44,7 @@ class BakeTask:
     # Values that replace the model's settings in native rendering.
     settings: Mapping[str, Any]
     scene: SceneAt
-    # Hashes of the test views at the time of planning.
+    # Hashes of the test views when the run was planned.
     views: ViewState
     # The hash of all inputs of the bake.
     key: str
@@ -100,7 +100,7 @@ def hash_bake_inputs(
 def find_known_bake(task: BakeTask, run: str | None = None) -> ModelAsset | None:
     """Return the finished bake of a task, or None if it is missing, outdated or damaged.
 
-    If `run` is given, only a bake of that run is returned.
+    If `run` is given, only a bake of this run is returned.
     """
     try:
         path = task.description_path
@@ -131,7 +131,7 @@ def make_bake(task: BakeTask) -> ModelAsset:
     scene = read_planned_scene(task.scene, task.views)
     source = with_settings(task.model.open(), task.settings)
     baked = bake(source, scene=scene, device=task.device, **task.options)
-    check_run(task.root, task.run)  # stop if a later run has started
+    check_run(task.root, task.run)  # stop this task if a later run has started
     report = baked.save(task.path, overwrite=True)
     asset = describe_file(task.path).model_copy(update={"bytes": measure_size(task.path)})
     document = BakeDocument.of(report.to_dict())

@@ -1,6 +1,6 @@
 """Compute the parts of one benchmark cell and write its record.
 
-A failed part does not stop the other parts.
+If one part of a benchmark cell fails, the other parts are still computed.
 """
 
 import contextlib
@@ -29,8 +29,8 @@ from msb.errors import MsbError, shorten
 
 # The error code of unexpected exceptions.
 INTERNAL = "INTERNAL"
-# The function that computes each part of a cell. Each function returns a dictionary of `Result` keys and
-# values.
+# The function that computes each part of a benchmark cell. Each function returns a dictionary of arguments
+# for `Result`.
 MEASURES: dict[PartName, Callable[[Job], dict[str, Any]]] = {
     "quality": measure_quality,
     "audit": measure_audit,
@@ -42,7 +42,7 @@ MEASURES: dict[PartName, Callable[[Job], dict[str, Any]]] = {
     "renderer_timing": read_native_timing,
     "timing": measure_timing,
 }
-# Keys of `Result` that each part fills. Parts without an entry fill the key with the part's own name.
+# Keys of `Result` that each part fills. A part without an entry fills the key with its own name.
 _KEYS: dict[PartName, tuple[str, ...]] = {
     "quality": ("quality", "setup", "renders", "renderer", "device"),
     "timing": ("timing", "memory", "floor", "device"),
@@ -54,16 +54,16 @@ _NOT_RENDERING = frozenset(
 
 
 def compute(job: Job) -> JobOutcome:
-    """Compute the requested parts of a cell, and write its record.
+    """Compute the requested parts of a benchmark cell, and write its record.
 
-    Parts of the earlier record are kept if they are still valid.
+    Valid parts of the earlier record are kept.
     """
     check_run(job.root, job.run)
     start = time.perf_counter()
     record = _keep_valid_parts(job, _read_old(job))
     if any(part in MAIN for part in job.parts):
-        # The following steps replace images. The old record does not describe the new images, so it is
-        # deleted first.
+        # The new images replace the images on disk. Delete the old record first, because it does not describe
+        # the new images.
         with contextlib.suppress(FileNotFoundError):
             (job.folder / RESULT).unlink()
     for part, inputs in job.parts.items():
@@ -83,7 +83,7 @@ def compute(job: Job) -> JobOutcome:
 
 
 def write_lost(job: Job, reason: Reason) -> None:
-    """Write the record of a cell whose worker process died before writing it."""
+    """Write the record of a benchmark cell whose worker process died before writing it."""
     old = _read_old(job)
     if old is None or any(part in MAIN for part in job.parts):
         write_result(job.folder, Result(cell=job.cell, status="failed", reason=reason, seconds=0.0))
@@ -94,7 +94,7 @@ def write_lost(job: Job, reason: Reason) -> None:
 
 
 def _write(job: Job, record: dict[str, Any]) -> Result:
-    """Write the record of a cell with the parts in `record`, and return the record."""
+    """Write the record of a benchmark cell with the parts in `record`, and return the record."""
     failed = next((record["reasons"].pop(part) for part in MAIN if part in record["reasons"]), None)
     result = Result(
         cell=job.cell,
@@ -112,7 +112,7 @@ def _write(job: Job, record: dict[str, Any]) -> Result:
 
 
 def _read_old(job: Job) -> Result | None:
-    """Return the earlier record of the cell, or None if it is missing or invalid."""
+    """Return the earlier record of the benchmark cell, or None if it is missing or invalid."""
     try:
         return Results(job.root).read(job.cell)
     except MsbError:
@@ -140,13 +140,13 @@ def _keep_valid_parts(job: Job, old: Result | None) -> dict[str, Any]:
 
 
 def _is_valid(part: PartName, job: Job, old: Result) -> bool:
-    """Return whether a recorded part was computed from the current inputs of the cell."""
+    """Return whether a recorded part was computed from the current inputs of the benchmark cell."""
     recorded, requested = old.inputs[part], job.requested.get(part)
     if requested is not None:
         return recorded == requested
-    # The current inputs of the part are unknown, because the protocol no longer requests the part. A part is
-    # valid if it shares its inputs with the images or the audit, and these inputs are unchanged. For timing
-    # and walk, the rendering options must also be the same as for the images.
+    # If the protocol no longer requests the part, its current inputs are unknown. A part is also valid if it
+    # has the same inputs as the images or the audit, and if these inputs are unchanged. The timing and the
+    # walk (a camera path) also require unchanged rendering options.
     present = {name: value for main in MAIN for name, value in job.requested.get(main, {}).items()}
     images = job.requested.get("quality", {}).keys()
     same_options = (
@@ -163,7 +163,7 @@ def _has_same_asset(job: Job, old: Result) -> bool:
 
 
 def write_result(folder: Path, result: Result) -> None:
-    """Write the record of a cell atomically."""
+    """Write the record of a benchmark cell atomically."""
     with new_file(folder / RESULT) as file:
         file.write(result.to_json())
 

@@ -10,7 +10,8 @@ from typing import Any
 from msb.base.files import file_sha256
 from msb.bench.records import File
 
-# Number of hexadecimal digits of a short hash. 16 digits are 64 bits, enough to detect a changed input.
+# Number of hexadecimal digits of a short hash. 16 digits are 64 bits, which is enough to detect a changed
+# input.
 _SHORT_DIGITS = 16
 
 
@@ -27,7 +28,7 @@ def list_sha256(hashes: Iterable[tuple[str, str]]) -> str:
 
 
 def describe_file(path: Path) -> File:
-    """Return path, size and hash of a file, or of a folder's visible files."""
+    """Return path, size and hash of a file. For a folder, the visible files are included."""
     if not path.is_dir():
         sha256 = file_sha256(path)
         return File(path=str(path), bytes=path.stat().st_size, sha256=sha256)

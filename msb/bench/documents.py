@@ -1,4 +1,5 @@
-"""The parts of a record that other commands write: audit, bake, trials, repairs and Chamfer distance.
+"""The parts of a benchmark record that other commands write: audit, bake, trials, repairs and Chamfer
+distance.
 
 The record stores the output of other commands without changes. The models in this module declare only the
 keys that are read for tables and reports. All other keys are kept unchanged, so that other commands may add
@@ -18,18 +19,18 @@ from msb.topology.audit import Metrics
 from msb.topology.findings import Counts
 from msb.topology.verdict import Level
 
-# The first strategy in a comparison of repairs: the unrepaired mesh.
+# The first strategy in a comparison of repairs, which leaves the mesh unrepaired.
 STORED = "as stored"
 Decibels = Annotated[float, Field(ge=0, le=find_max_psnr(MAX_PIXELS))]
-# Sums of areas are rounded, so a share of 100 % may be slightly larger than 1.
+# Sums of areas have rounding errors, so a share of 100 % may be slightly larger than 1.
 _MAX_SHARE = 1 + 1e-9
 Share = Annotated[float, Field(ge=0, le=_MAX_SHARE)]
-# The result of a task: works, works with limitations, fails, or was not run.
+# The result of a trial task: works, works with limitations, fails, or was not run.
 Outcome = Literal["works", "care", "fails", "not_run"]
 
 
 class Document(Record):
-    """A document of another command. Keys that are not declared are kept."""
+    """The JSON document that another command wrote. Keys that the class does not declare are kept."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -61,7 +62,7 @@ class AuditDocument(Document):
 
 
 class TrialEntry(Document):
-    """The result of one task."""
+    """The result of one trial task."""
 
     task: str
     title: str
@@ -91,7 +92,7 @@ class Psnr(Document):
 
 
 class BakePsnr(Document):
-    """The PSNR of a bake; None without test photographs."""
+    """The PSNR of a bake. The value is None without test photographs."""
 
     photographs: Psnr | None
 
@@ -168,7 +169,7 @@ class RepairDocument(Document):
 
     @property
     def succeeded(self) -> list[Strategy]:
-        """The strategies that did not fail; the first strategy is the unrepaired mesh."""
+        """The strategies that did not fail. The first strategy leaves the mesh unrepaired."""
         return [row for row in self.strategies if isinstance(row, Strategy)]
 
 

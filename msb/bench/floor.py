@@ -1,4 +1,4 @@
-"""The fixed cost (floor) of a renderer: time and memory for a single triangle in the test views."""
+"""The fixed cost of a renderer: time and memory for a single triangle in the test views."""
 
 import contextlib
 from typing import Any, Literal
@@ -18,8 +18,8 @@ from msb.scenes.datasets import Scene
 # Maximum number of timed frames of a single triangle. The time for a single triangle hardly varies, so 20
 # frames are enough.
 _FRAMES = 20
-# The measured cost of a single triangle, by the hash of the inputs. Renderers with equal inputs are measured
-# once per process.
+# The measured cost of a single triangle. The key is the hash of the inputs. Renderers with equal inputs are
+# measured once per process.
 _known: dict[str, Floor | None] = {}
 
 
@@ -58,7 +58,7 @@ def measure_floor(job: Job, scene: Scene, kind: Literal["gpu", "cpu", "other"]) 
 def take_one_triangle(asset: Asset) -> Asset:
     """Return an asset with only the first triangle of `asset` and all its face and vertex attributes."""
     manifest = asset.manifest
-    # For each domain, select the rows of a buffer that belong to the triangle.
+    # In each buffer, select the rows that belong to the triangle.
     rows: dict[str, Any] = {
         "vertex": asset.buffers["indices"][0],
         "face": [0],

@@ -18,13 +18,12 @@ from msb.bench.validation import read_json
 from msb.errors import InputError, MsbError, OutputError, UsageError
 
 RESULT = "result.json"
-# Folders beside a record with the images of trials and repairs.
+# Folders beside a benchmark record that contain images of trials and repairs.
 TRIAL_FOLDER, REPAIRS_FOLDER = "trial", "repairs"
-# The film beside a record of a cell. The film shows the one second of the walk (camera path) with the most
-# flicker.
+# The video beside a benchmark record. The video shows the second of the camera path with the most flicker.
 WALK_FILM = "walk.mp4"
 _LOCK = ".lock"
-# The file that names the current run, and its maximum size in bytes.
+# The file that names the current run, and the maximum size of this file in bytes.
 _RUN = ".run.json"
 _MAX_RUN = 1 << 16
 
@@ -36,11 +35,11 @@ class Results:
     root: Path
 
     def cell(self, cell: Cell) -> Path:
-        """Return the folder of one cell's record and images."""
+        """Return the folder for the record and the images of one benchmark cell."""
         return self.root.joinpath("cells", *cell.names)
 
     def record(self, cell: Cell) -> Path:
-        """Return the file of one cell's record."""
+        """Return the file of one benchmark cell's record."""
         return self.cell(cell) / RESULT
 
     def records(self) -> list[Path]:
@@ -48,14 +47,14 @@ class Results:
         return sorted((self.root / "cells").glob(f"*/*/*/*/{RESULT}"))
 
     def read(self, cell: Cell) -> Result:
-        """Return the record of one cell."""
+        """Return the record of one benchmark cell."""
         path = self.record(cell)
         result = read_result(path)
         self.check_place(result, path)
         return result
 
     def check_place(self, result: Result, path: Path) -> None:
-        """Raise RECORD_INVALID if a record is in the folder of another cell."""
+        """Raise RECORD_INVALID if a record is in the folder of another benchmark cell."""
         place = self.record(result.cell)
         # File systems and archives may store a name in another Unicode form.
         if unicodedata.normalize("NFC", str(place)) != unicodedata.normalize("NFC", str(path)):
@@ -69,17 +68,23 @@ class Results:
         return self.root / "ground_truth" / dataset / scene / key
 
     def asset(self, dataset: str, scene: str, model: str) -> Path:
-        """Return the path of an exported asset. `model` is the label of the model, or its method."""
+        """Return the path of an exported asset.
+
+        `model` is the label of the model. A model without a label is named by its method.
+        """
         return self.root / "assets" / dataset / scene / f"{model}.triasset"
 
     def bake(self, dataset: str, scene: str, model: str, label: str) -> Path:
-        """Return the path of a bake. `model` is the label of the model, or its method."""
+        """Return the path of a bake.
+
+        `model` is the label of the model. A model without a label is named by its method.
+        """
         return self.root / "assets" / dataset / scene / model / f"{label}.triasset"
 
     def video(self, *names: str) -> Path:
-        """Return the path of a film.
+        """Return the path of a video.
 
-        `names` are dataset, scene and model. Without a model, the film shows all models of the scene.
+        `names` contains dataset, scene and model. Without a model, the video shows all models of the scene.
         """
         return self.root.joinpath("videos", *names[:-1], f"{names[-1]}.mp4")
 

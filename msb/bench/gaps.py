@@ -1,11 +1,11 @@
 """Deployment gaps and slowdowns between the conditions of a method (paper: section "Multi-Modal Audit").
 
 Let Q_ne, Q_ded and Q_std be the values of a metric in Non-Engine, Dedicated and Standard. Let s be +1 if
-higher values are better, otherwise -1. The signed losses are a = s (Q_ne - Q_ded), p = s (Q_ded - Q_std) and
-d = s (Q_ne - Q_std). A positive loss means a worse result. The paper's gaps of adaptation, portability and
-deployment are the absolute values of a, p and d. The paper's equation deploy = adapt + port holds only if
-Dedicated lies between Non-Engine and Standard (`Gaps.monotone`). `Gaps.triangle_excess` is adapt + port -
-deploy.
+higher values are better, otherwise -1. The signed losses are a = s (Q_ne - Q_ded) for adaptation, p = s
+(Q_ded - Q_std) for portability and d = s (Q_ne - Q_std) for deployment. A positive loss means a worse result.
+The paper's gaps of adaptation, portability and deployment are the absolute values of a, p and d. The paper's
+equation deploy = adapt + port holds only if Dedicated lies between Non-Engine and Standard (`Gaps.monotone`).
+`Gaps.triangle_excess` is adapt + port - deploy.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     Conditions = Mapping[str, Result]
 
 GapName = Literal["adapt", "port", "deploy"]
-# The first and the second condition of each gap.
+# The two renderer conditions that each gap compares.
 PAIRS: dict[GapName, tuple[str, str]] = {
     "adapt": ("non_engine", "dedicated"),
     "port": ("dedicated", "standard"),
@@ -36,29 +36,30 @@ PAIRS: dict[GapName, tuple[str, str]] = {
 
 # Keys of a device record that do not identify the device.
 _NOT_IDENTIFYING = OF_THE_MOMENT | {"blends"}
-# Metrics that are compared on equal devices only.
+# Metrics that are compared only between equal devices.
 _DEVICE_METRICS = frozenset({"fps", "p50_ms", "p95_ms", "memory", "driver_memory"})
 
 
 @dataclass(frozen=True)
 class Gap:
-    """A gap in the unit of its metric.
+    """A difference between two renderer conditions, in the unit of the metric.
 
-    The gap is an average over `scenes` of the dataset's `expected` scenes.
+    The gap is an average over `scenes`. `expected` is the number of scenes in the dataset.
     """
 
     # The absolute gap; None if there is a `reason`.
     value: float | None
     # The signed loss; positive if the second condition is worse.
     signed: float | None = None
-    # The reason for a missing gap, a result of `incomparable`.
+    # The reason for a missing gap, as returned by `incomparable`.
     reason: str | None = None
-    # The average of the absolute gaps of single scenes. Gains and losses of different scenes cancel in
+    # The average of the absolute gaps of single scenes. Positive and negative losses of scenes cancel in
     # `value`, but not in this average.
     mean_abs_scene_gap: float | None = None
     scenes: int = 1
     expected: int = 1
-    # The average of each condition, over the scenes of the gap. Other tables may average over more scenes.
+    # The average value of each condition over the scenes of the gap. Averages in other tables may cover more
+    # scenes.
     ends: tuple[float, float] | None = None
     # The 95 % interval of `signed`, computed from the losses in single views. If only the two averages are
     # known, the interval is None.
@@ -79,10 +80,11 @@ class Gaps:
     port: Gap
     deploy: Gap
     # Whether the value of Dedicated lies between the values of Non-Engine and Standard. Values are compared
-    # after rounding, as in tables, and equality is sufficient. The result is None if a gap is missing, or if
-    # the gaps cover different scenes.
+    # after rounding, as in tables. Equal rounded values count as monotone. The result is None if a gap is
+    # missing, or if the gaps cover different scenes.
     monotone: bool | None
-    # The excess adapt + port - deploy. The excess is 0 for monotone values, otherwise 2 min(adapt, port).
+    # The excess adapt + port - deploy. The excess is 0 for monotone values, otherwise it is 2 min(adapt,
+    # port).
     triangle_excess: float | None
 
     def __getitem__(self, name: GapName) -> Gap:
@@ -109,7 +111,10 @@ class Ratio:
 def value_gaps(
     metric: str, non_engine: float | None, dedicated: float | None, standard: float | None
 ) -> Gaps:
-    """Return the gaps between three values of `metric`, a key of `msb.bench.aggregate.METRICS`."""
+    """Return the gaps between three values of `metric`.
+
+    The name must be a key of `msb.bench.aggregate.METRICS`.
+    """
     values = {"non_engine": non_engine, "dedicated": dedicated, "standard": standard}
     return _combine(
         metric, {name: _compute_gap(metric, values[a], values[b]) for name, (a, b) in PAIRS.items()}
@@ -122,10 +127,10 @@ def scene_gaps(metric: str, results: Conditions) -> Gaps:
 
 
 def dataset_gaps(metric: str, results: Mapping[str, Conditions], scenes: Iterable[str]) -> Gaps:
-    """Return the gaps of one method between its averages on a dataset, as in the paper.
+    """Return the gaps of one method as in the paper: between its averages on a dataset.
 
-    `results` contains the records by scene, then by condition. `scenes` are the expected scenes. A gap
-    includes the scenes in which both conditions have comparable records.
+    `results` contains the records by scene, then by condition. `scenes` names all scenes that the dataset
+    should have. A gap includes the scenes in which both conditions have comparable records.
     """
     expected = tuple(scenes)
     covered: dict[GapName, tuple[str, ...]] = {}
@@ -173,7 +178,7 @@ def slowdown(
     """Return the ratio of the frame rates of two conditions.
 
     The default is the paper's slowdown, the frame rate of Standard divided by the frame rate of Dedicated.
-    For a comparison of an engine with the method's own renderer, pass "dedicated" and "non_engine".
+    To compare an engine with the method's own renderer, pass "dedicated" and "non_engine".
     """
     expected = tuple(scenes)
     values, reasons = _select_comparable("fps", results, expected, numerator, denominator)
@@ -194,13 +199,13 @@ def incomparable(
     The reasons are "unsupported", "failed", "missing" (no record), "not_measured" (no value in the record),
     "camera_mismatch" (different views or image sizes), "setup_mismatch" (different background or ground
     truth), "metric_mismatch", "asset_mismatch", "device_mismatch", "whole_command" (loading is included) and
-    "unsteady" (the rounds of a frame rate differ too much).
+    "unsteady" (the frame rates of timing rounds differ too much).
 
     The records must have equal images, sizes, ground truth, background and definition of the metric. If both
-    records have an asset, it must be the same asset. For a bake, the asset before the bake is compared. Speed
-    and memory must be measured on the same device. Versions of libraries may differ between records. If
-    `one_asset` is false, two methods are compared. The backgrounds and camera conventions of two methods may
-    differ.
+    records have an asset, the two assets must be equal. For a baked mesh, the asset before the bake is
+    compared. Speed and memory must be measured on the same device. Versions of libraries may differ between
+    records. If `one_asset` is false, two methods are compared. The backgrounds and camera conventions of two
+    methods may differ.
     """
     for result in (first, second):
         if result is None:
@@ -243,7 +248,10 @@ def _select_comparable(
     *,
     one_asset: bool = True,
 ) -> tuple[dict[str, tuple[float, float]], list[str]]:
-    """Return the values of both conditions in each comparable scene, and the reasons of the other scenes."""
+    """For each comparable scene, return the values of both conditions.
+
+    For all other scenes, return the reasons.
+    """
     get = METRICS[metric].get
     values: dict[str, tuple[float, float]] = {}
     reasons = []
@@ -260,7 +268,7 @@ def _select_comparable(
 
 
 def _compute_view_losses(metric: str, first: Result, second: Result) -> list[float]:
-    """Return the signed loss in each view of both records."""
+    """Return the signed loss in each view that both records contain."""
     sign = 1 if METRICS[metric].better == "higher" else -1
     before, after = (view_values(record, metric) for record in (first, second))
     return [sign * (before[view] - after[view]) for view in before if view in after]
@@ -294,7 +302,7 @@ def _combine(metric: str, gaps: Mapping[GapName, Gap], *, same_scenes: bool = Tr
 def _find_commonest(reasons: list[str]) -> str:
     """Return the most frequent reason, except "missing". If no scene has another reason, return "missing".
 
-    The reason "missing" alone would not tell why the measured scenes have no gap.
+    The reason "missing" alone would not explain why measured scenes have no gap.
     """
     others = [reason for reason in reasons if reason != "missing"]
     return max(dict.fromkeys(others), key=others.count) if others else "missing"
@@ -313,11 +321,15 @@ def _find_definition(result: Result, metric: str) -> dict[str, object] | None:
 
 
 def _compare_devices(first: Result, second: Result) -> str | None:
-    """Return why times and memory of two records are not comparable, or None if they are comparable."""
+    """Return the reason why times and memory of two records are not comparable.
+
+    If they are comparable, return None.
+    """
     native = [record.renderer_timing for record in (first, second) if record.renderer_timing is not None]
     if any(timing.whole_command for timing in native):
         return "whole_command"
-    # A timing by the user contains only the name of its device. Therefore only device names are compared.
+    # If the user measured a timing, the record contains only the name of the device. Therefore only device
+    # names are compared.
     if native:
         return None if _get_device_name(first) == _get_device_name(second) else "device_mismatch"
     devices = [

@@ -3,8 +3,8 @@
 A part with a changed input is computed again.
 
 Versions of libraries are recorded but are not inputs, so an update of NumPy does not repeat any rendering.
-The device is an input of timings only, because all devices draw the same images. A record still names the
-device that rendered its images.
+The device is an input of timings only, because images do not depend on the device. The record of the images
+still names their rendering device.
 """
 
 import contextlib
@@ -35,9 +35,10 @@ VOUCHED = (
     "its training does not record the held-out views; the key held_out of the protocol confirms that the "
     "test views were held out"
 )
-# Number of hexadecimal digits of a hash in a record. 16 digits are 64 bits, enough to detect a changed input.
+# Number of hexadecimal digits of a hash in a record. 16 digits are 64 bits, which is enough to detect a
+# changed input.
 _SHORT_DIGITS = 16
-# Paths within DTU's official evaluation data: point cloud, observation mask and ground plane of a scan.
+# Paths in DTU's official evaluation data: point cloud, observation mask and ground plane of a scan.
 _CLOUD, _GRID, _PLANE = "Points/stl/stl{:03d}_total.ply", "ObsMask/ObsMask{}_10.mat", "ObsMask/Plane{}.mat"
 
 
@@ -45,7 +46,7 @@ class InputReader:
     """Reads scenes, hashes and versions once for a whole run plan, and collects warnings about them."""
 
     def __init__(self, device: Mapping[str, Any] | None = None) -> None:
-        # The record of the OpenCL device, if any.
+        # The record of the OpenCL device, or None without a device.
         self.device = device
         # Warnings about scenes and invalid records. A dictionary keeps the warnings in order and without
         # repetition.
@@ -72,10 +73,10 @@ class InputReader:
     def find_training_differences(
         self, model: ModelAsset | None, at: SceneAt, place: Path | None, *, held_out: bool
     ) -> Iterator[str]:
-        """Yield each difference between a model's training and the evaluation, and store a warning.
+        """Yield a warning for each difference between a model's training and the evaluation.
 
-        Pass the path of the model as `place`. If only official renderings exist, `model` is None. `held_out`
-        is the protocol key that confirms that the test views were not used for training.
+        `place` is the path of the model. If only official renderings exist, `model` is None. `held_out` is
+        the protocol key that confirms that the test views were not used for training.
         """
         notes: list[Finding] = []
         if model is not None:
@@ -98,7 +99,7 @@ class InputReader:
 def _hash(path: Path) -> str:
     """Return a short hash of a file, or an error code if it cannot be read.
 
-    The error is reported later, with the part that needs the file.
+    The error is reported when a part needs the file.
     """
     try:
         return file_sha256(path)[:_SHORT_DIGITS]
@@ -121,8 +122,8 @@ def find_inputs(job: Job, reader: InputReader) -> dict[PartName, PartInputs]:
         if job.cell.dataset == "dtu" and job.chamfer is not None:
             parts["chamfer"] = _find_chamfer_inputs(job, job.chamfer, reader)
     else:
-        # All other conditions have images. Conditions that our renderers draw also have a walk (a camera
-        # path) and a timing.
+        # All other conditions have images. Conditions that our renderers draw also have a timing and a walk
+        # (a camera path).
         parts["quality"] = {
             **views,
             **_find_image_inputs(job, reader),
@@ -144,8 +145,8 @@ def find_inputs(job: Job, reader: InputReader) -> dict[PartName, PartInputs]:
             }
         if job.cell.bake is not None:
             parts |= _find_mesh_inputs(job)
-    # Input files provided by the user. Only the method's own conditions have a training record. Variants,
-    # engines and bakes have none.
+    # Input files that the user provides. Only the method's own conditions have a training record. Variants,
+    # engines and bakes have no training record.
     if job.training is not None and job.cell.condition_key == condition:
         parts["training"] = {"file": reader.hash_file(job.training)}
     if job.renderer_timing is not None:
@@ -154,7 +155,7 @@ def find_inputs(job: Job, reader: InputReader) -> dict[PartName, PartInputs]:
 
 
 def _hash_walk(at: SceneAt, table: WalkTable) -> str:
-    """Return a hash of the cameras and the background of a walk, or an error code."""
+    """Return a hash of the cameras and the background of a camera path (walk), or an error code."""
     scene = at.read()
     try:
         return digest([[describe_camera(camera) for camera in plan_walk(scene, table)], scene.background])
@@ -205,7 +206,7 @@ def _get_asset_hash(job: Job) -> str:
 
 
 def _find_image_inputs(job: Job, reader: InputReader) -> PartInputs:
-    """Return the inputs of the images of a cell, without cameras and background."""
+    """Return the inputs of the images of a benchmark cell, without cameras and background."""
     if job.renders is not None:
         try:
             return {"renders": str(reader.find_renders(job.renders, job.scene).folder.sha256)[:_SHORT_DIGITS]}
@@ -240,7 +241,10 @@ def find_scan_files(data: Path, scene: str) -> list[Path]:
 
 
 def _find_chamfer_inputs(job: Job, table: ChamferTable, reader: InputReader) -> PartInputs:
-    """Return the inputs of the Chamfer distance. A missing file is reported when the distance is computed."""
+    """Return the inputs of the Chamfer distance.
+
+    A missing file is reported when the Chamfer distance is computed.
+    """
     from msb.metrics import identity
 
     scene = job.scene.read()

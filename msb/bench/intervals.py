@@ -1,9 +1,9 @@
 """95 % t intervals of averages over scenes, or over the views of a single scene.
 
 The value of a scene is the average over its views, because the views of a scene are correlated. The interval
-of n values is their average plus and minus t(0.975, n - 1) s / sqrt(n), where s is their standard deviation.
-The p value is computed by the one-sample t test (Student, "The probable error of a mean", Biometrika 6,
-1908). docs/protocol.md lists the rate of false positives for each sample size.
+of n values is their average plus and minus t(0.975, n - 1) s / sqrt(n), where s is the standard deviation of
+the values. The p value is computed by the one-sample t test (Student, "The probable error of a mean",
+Biometrika 6, 1908). docs/protocol.md lists the rate of false positives for each sample size.
 """
 
 from collections.abc import Sequence
@@ -18,9 +18,10 @@ from msb.metrics.registry import IMAGE_METRICS
 
 # Significance level of the tests.
 LEVEL = 0.05
-# Differences are tested only if the numbers of views in two scenes differ at most by this factor. A correct
-# test calls 5 % of purely random differences significant. The t test calls 4.2 % significant at a ratio of 3,
-# and only 1 % at a ratio of 100.
+# Differences are tested only if the largest number of views per scene is at most this factor times the
+# smallest. If all differences are random, a correct test reports 5 % of them as significant. For a true
+# difference of 0, the test reports significance in 4.2 % of cases at a ratio of 3, and in 1 % at a ratio of
+# 100.
 MOST_UNEQUAL = 3
 NO_VIEWS = "no values of single views"
 # Values with a smaller relative difference are treated as equal.
@@ -29,7 +30,10 @@ _SAME = 1e-9
 
 @dataclass(frozen=True)
 class Interval:
-    """The 95 % interval of an average, and its p value. `reason` explains a missing interval or p value."""
+    """The 95 % confidence interval of an average, and its p value.
+
+    `reason` explains a missing interval or p value.
+    """
 
     ends: tuple[float, float] | None
     # Description of the sample: "9 scenes" or "20 views of one scene".
@@ -49,7 +53,7 @@ class Interval:
 def view_values(result: Result, metric: str) -> dict[str, float]:
     """Return the value of an image metric in each view of a record.
 
-    If a view has no value, the result is empty.
+    If a view has no value, the function returns an empty result.
 
     An infinite PSNR counts as 100 dB, as in averages.
     """
@@ -69,7 +73,7 @@ def interval(scenes: Sequence[Sequence[float]]) -> Interval:
 
     `scenes` contains, for each scene, the values of all views. A value can be a metric of one condition, or
     the difference between two conditions. A scene's value is the average over its views. If there is only one
-    scene, the interval is over its views.
+    scene, the interval is computed from its views.
     """
     counts = [len(values) for values in scenes]
     if not counts or not all(counts):
@@ -98,5 +102,5 @@ def interval(scenes: Sequence[Sequence[float]]) -> Interval:
 
 
 def excludes_zero(difference: Interval | None) -> bool | None:
-    """Return whether a difference is significant at 95 %. The result is None if no test exists."""
+    """Return whether a difference is significant at 95 %. The result is None if the test is impossible."""
     return None if difference is None or difference.p is None else difference.p < LEVEL

@@ -1,6 +1,6 @@
 """Jobs for worker processes.
 
-A job is one benchmark cell, the parts to compute, and all their inputs, as plain data.
+A job contains one benchmark cell, the parts to compute, and all their inputs, as plain data.
 """
 
 from collections.abc import Mapping
@@ -19,27 +19,28 @@ from msb.scenes.datasets import SceneAt
 PartName = Literal[
     "quality", "audit", "trial", "repairs", "timing", "walk", "chamfer", "training", "renderer_timing"
 ]
-# A cell fails if one of the required parts fails. If another part fails, the record states the reason.
+# A benchmark cell fails if one of the required parts fails. If another part fails, the record states the
+# reason.
 MAIN: tuple[PartName, ...] = ("quality", "audit")
-# The hash or version of each input of a part, by the name of the input.
+# For each part, the hash or version of each input. The keys are names of inputs.
 PartInputs = dict[str, str]
 
 
 @dataclass(frozen=True)
 class Job:
-    """One benchmark cell, with the parts to compute."""
+    """One benchmark cell, and the parts of the cell to compute."""
 
     root: Path
     run: str
     cell: Cell
     scene: SceneAt
-    # The state of the scene at the time of planning.
+    # The state of the scene when the run was planned.
     views: ViewState
-    # The inputs to record for each part to compute. All other valid parts of the record are kept.
+    # For each part to compute, the inputs that are recorded. All other valid parts of the record are kept.
     parts: Mapping[PartName, PartInputs]
     # The current inputs of every part that the protocol requests for the benchmark cell.
     requested: Mapping[PartName, PartInputs] = field(default_factory=dict)
-    # The model of the cell; None if the protocol has only official renderings of the method.
+    # The model of the benchmark cell; None if the protocol has only official renderings of the method.
     model: ModelAsset | None = None
     # Values that replace settings of the asset.
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -67,7 +68,7 @@ class Job:
 
     @property
     def folder(self) -> Path:
-        """The folder of the cell."""
+        """The folder of the benchmark cell."""
         return Results(self.root).cell(self.cell)
 
     @property
@@ -77,13 +78,13 @@ class Job:
 
     @property
     def tier(self) -> Tier:
-        """The tier that renders the images of the cell."""
+        """The tier that renders the images of the benchmark cell."""
         return TIER_OF[self.cell.condition]
 
 
 @dataclass(frozen=True)
 class JobOutcome:
-    """The status of a cell after a job, and the time of the job."""
+    """The status of a benchmark cell after a job, and the time of the job."""
 
     cell: Cell
     status: Status

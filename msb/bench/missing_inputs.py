@@ -24,7 +24,7 @@ from msb.metrics.registry import modules_needed
 from msb.render.backend import why_unavailable
 from msb.scenes.datasets import SceneAt
 
-# The use of inputs that all cells need.
+# The use of inputs that all benchmark cells need, as text.
 _ANY = "needed for all cells"
 
 
@@ -33,37 +33,37 @@ class Missing:
     """An input that is missing or invalid."""
 
     code: str
-    # Path of the file, its fault, its use, and the number of cells that need it.
+    # Path of the file, its fault and its use, and the number of benchmark cells that need the file.
     message: str
-    # The number of cells that need the input; 0 if it is unknown.
+    # The number of benchmark cells that need the input; 0 if it is unknown.
     cells: int
-    # Whether the cells cannot be computed without the input. If the value is false, only a part of each
-    # record will be missing.
+    # Whether the benchmark cells cannot be computed without the input. If the value is false, only a part of
+    # each record will be missing.
     blocks: bool
 
 
 class _Need(NamedTuple):
-    """An input that is missing for one cell."""
+    """An input file that is missing for one benchmark cell."""
 
     code: str
     error: str
-    # The use of the input, such as "models of two_dts".
+    # The use of the input as text, such as "models of two_dts".
     use: str
-    # Whether the cell cannot be computed without the input.
+    # Whether the benchmark cell cannot be computed without the input.
     blocks: bool
 
 
 def find_missing(
     planner: Planner, cells: Sequence[Planned], errors: Sequence[MsbError] = ()
 ) -> tuple[list[Planned], list[Missing]]:
-    """Return the plan and all missing inputs. A cell without a necessary input is marked as failed.
+    """Return the plan and all missing inputs. A benchmark cell without a necessary input is marked as failed.
 
-    All inputs of a cell are checked, so that one missing input does not hide another input. Scenes are read
-    without photographs, and models are located without reading them. `errors` are faults that affect every
-    cell.
+    All inputs of a benchmark cell are checked, so that one missing input does not hide another input. Scenes
+    are read without photographs, and models are located without reading them. `errors` contains faults that
+    affect every benchmark cell.
     """
     search = _Search(planner, errors)
-    # For each missing input, count the cells of each scene that need the input.
+    # For each missing input, count the benchmark cells of each scene that need the input.
     scenes: dict[_Need, Counter[str]] = defaultdict(Counter)
     checked: list[Planned] = []
     for planned in cells:
@@ -83,7 +83,7 @@ def find_missing(
 def find_unknown_cells(folder_errors: Mapping[str, MsbError], pairs: Sequence[Pair]) -> list[Missing]:
     """Return the missing folders of scenes and missing models.
 
-    Without these inputs, the number of cells is unknown.
+    Without these inputs, the number of benchmark cells is unknown.
 
     `folder_errors` holds the error of each dataset whose folder of scenes cannot be read.
     """
@@ -123,7 +123,7 @@ def find_start_errors(file: ProtocolFile, note: Callable[[str], None]) -> Iterat
 
 
 def _catch_error(check: Callable[..., object], *arguments: object) -> MsbError | None:
-    """Call a function, and return its MsbError or None."""
+    """Call a function. If it raises an MsbError, return the error, otherwise return None."""
     try:
         check(*arguments)
     except MsbError as error:
@@ -132,29 +132,29 @@ def _catch_error(check: Callable[..., object], *arguments: object) -> MsbError |
 
 
 class _Search:
-    """Checks the inputs of cells. Each input file is checked once."""
+    """Checks the inputs of benchmark cells. Each input file is checked once."""
 
     def __init__(self, planner: Planner, errors: Sequence[MsbError]) -> None:
         self.planner, self.file, self.errors = planner, planner.file, errors
         self.catch_error = cache(_catch_error)
 
     def find_needs(self, planned: Planned) -> list[_Need]:
-        """Return the missing inputs of a cell."""
+        """Return the missing inputs of a benchmark cell."""
         needs = [
             _Need(error.code, _get_text(error), use, blocks)
             for error, use, blocks in self.check_inputs(planned)
             if error is not None
         ]
-        # If all necessary inputs exist, report the error of the planner.
+        # If all necessary inputs exist, report the error that occurred during planning.
         if planned.reason is not None and not any(need.blocks for need in needs):
             reason = planned.reason
             needs.append(_Need(reason.code, reason.message, planned.cell.model_name, True))
         return needs
 
     def check_inputs(self, planned: Planned) -> Iterator[tuple[MsbError | None, str, bool]]:
-        """Check each input of a cell.
+        """Check each input of a benchmark cell.
 
-        Yield the error or None, the use of the input, and whether the cell needs the input.
+        Yield the error or None, the use of the input as text, and whether the benchmark cell needs the input.
         """
         cell, chamfer = planned.cell, self.file.protocol.chamfer
         pair = self.planner.pairs[cell.names]
@@ -165,7 +165,7 @@ class _Search:
         def check_template(template: str | None) -> MsbError | None:
             return None if template is None else _catch_error(_check_template, self.file, template, names)
 
-        # A cell needs its scene, and either a model or official renderings.
+        # A benchmark cell needs its scene, and either a model or official renderings.
         scene_error = _catch_error(_check_exists, pair.path, self.file.resolve(pair.dataset.path))
         scene_error = scene_error or self.catch_error(self.planner.reader.read_scene, at)
         yield scene_error, f"photographs and cameras of {cell.dataset}", True
@@ -209,7 +209,7 @@ class _Search:
 def _describe(need: _Need, scenes: Mapping[str, int]) -> Missing:
     """Return a missing input with its message.
 
-    `scenes` counts the cells of each scene that need the input.
+    `scenes` counts the benchmark cells of each scene that need the input.
     """
     cells = sum(scenes.values())
     where = next(iter(scenes)) if len(scenes) == 1 else f"{len(scenes)} scenes"
@@ -225,8 +225,9 @@ def _get_text(error: MsbError) -> str:
 def _check_template(file: ProtocolFile, template: str, names: Mapping[str, str]) -> None:
     """Raise FILE_NOT_FOUND if the path of a template does not exist.
 
-    The error names the outermost missing folder. Therefore all scenes below this folder have the same error.
-    The search starts at the folder that contains the first placeholder {dataset} or {scene}.
+    The error names the first folder of the path that does not exist. Therefore all scenes below this folder
+    have the same error. The search starts at the folder that contains the first placeholder {dataset} or
+    {scene}.
     """
     places = (match for match in PLACE.finditer(template) if match[1] in ("dataset", "scene"))
     place = next(places, None)

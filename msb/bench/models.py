@@ -25,11 +25,11 @@ _MAX_BYTES = 1 << 20
 
 
 class ModelAsset(Record):
-    """An asset of a run, and the model from which it was exported."""
+    """An asset of a run, and the model that was exported to this asset."""
 
     method: str
-    # The main file of the checkpoint. For a checkpoint of several files, the hash covers the list of the
-    # files' hashes.
+    # The main file of the checkpoint. If a checkpoint has several files, the hash is computed from the list
+    # of the files' hashes.
     checkpoint: File | None
     # The exported asset; `bytes` is the total size of its files.
     asset: File

@@ -10,7 +10,7 @@ from msb.bench.validation import Count, Record
 
 
 class Gpu(Record):
-    """A GPU of this machine, and the peak memory of the command on this GPU."""
+    """A GPU of this machine, and the peak memory that the command used on this GPU."""
 
     index: Count
     name: str
@@ -32,14 +32,14 @@ class Gpus:
         # The reason that no GPU can be measured; None if at least one GPU can be measured.
         self._reason: str | None = None
         self._handles: list[Any] = []
-        # For each GPU index, the peak memory of the processes and the peak growth of the device memory, in
-        # bytes.
+        # For each GPU index, the peak memory of the processes in bytes, and the peak growth of the device
+        # memory in bytes.
         self._process_peaks: dict[int, int] = {}
         self._device_peaks: dict[int, int] = {}
         # Peak memory, summed over all GPUs.
         self._process_peak = self._device_peak = 0
-        # Whether NVML lists processes by the process numbers of this system. In a container, NVML may use
-        # other process numbers.
+        # Whether NVML and this system use the same process numbers. In a container, NVML may use other
+        # process numbers.
         self._lists_processes = False
         # The latest error reported by NVML.
         self._error: str | None = None
@@ -60,7 +60,7 @@ class Gpus:
             self._reason = "this machine has no NVIDIA GPU"
 
     def look(self, pids: set[int]) -> None:
-        """Update the peaks with the current memory of the processes `pids` and of the devices."""
+        """Update the peaks with the current memory of the processes `pids` and the devices."""
         process_sum = device_sum = 0
         for index, handle in enumerate(self._handles):
             # NVML may reject a query of processes but still report the memory of the device.
@@ -123,7 +123,7 @@ class Gpus:
             with contextlib.suppress(self._nvml.NVMLError):
                 listed = self._list_processes(handle)
                 sizes += [listed[pid]] if pid in listed else []
-        # Do not use the memory of the whole device, because other processes use memory too.
+        # Do not use the memory of the whole device, because other processes also use device memory.
         unlisted = "NVML lists no memory of this process: it uses no NVIDIA GPU, or it runs in a container"
         return (sum(sizes), None) if sizes else (None, self._reason or unlisted)
 
@@ -153,7 +153,7 @@ class Gpus:
 def read_driver_memory(device: Mapping[str, Any]) -> tuple[int | None, str | None]:
     """Return the bytes of this process on NVIDIA GPUs. If the bytes are unknown, return the reason.
 
-    Pass the key "device" of the record of a machine.
+    `device` is the key "device" of the record of a machine.
     """
     if device.get("kind") != "gpu":
         return None, "the rendering device is not a GPU"

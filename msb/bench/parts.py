@@ -1,4 +1,4 @@
-"""Measure the parts of a benchmark cell: timing, audit, trials, repairs, Chamfer distance and training."""
+"""Measure parts of a benchmark cell: timing, audit, trials, repairs, Chamfer distance and training."""
 
 import re
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ from msb.scenes.datasets import Scene
 
 
 def measure_timing(job: Job) -> dict[str, Any]:
-    """Return timing, memory, floor (fixed cost) and device of a cell.
+    """Return the timing, the memory, the fixed cost and the device of a benchmark cell.
 
     No file is written during the timing.
     """
@@ -55,8 +55,8 @@ def group_memory(
 ) -> Memory:
     """Return the memory record of a renderer.
 
-    `uses` contains the bytes of each buffer by name, and `groups` the group of each buffer. Buffers without a
-    group are added to the group "scratch". `driver` is the result of `read_driver_memory`.
+    `uses` maps the name of each buffer to its bytes. `groups` maps the name of each buffer to its group.
+    Buffers without a group are added to the group "scratch". `driver` is the result of `read_driver_memory`.
     """
     sums = dict.fromkeys(get_args(Group), 0)
     for use, size in uses.items():
@@ -66,7 +66,7 @@ def group_memory(
 
 
 def measure_audit(job: Job) -> dict[str, Any]:
-    """Return the audit of the stored mesh of a cell."""
+    """Return the audit of the stored mesh of a benchmark cell."""
     from msb.api.auditing import audit
 
     assert job.model is not None
@@ -74,7 +74,7 @@ def measure_audit(job: Job) -> dict[str, Any]:
 
 
 def _prepare_trial(job: Job) -> tuple[Asset, tuple[Camera, ...], TrialTable, Limits]:
-    """Return the asset and the test cameras of a cell, the trial table, and the limits of libraries."""
+    """Return the asset, test cameras, trial table and library limits of a benchmark cell."""
     assert job.model is not None
     assert job.trial is not None
     limits = Limits(job.trial.seconds, job.trial.memory)
@@ -82,9 +82,9 @@ def _prepare_trial(job: Job) -> tuple[Asset, tuple[Camera, ...], TrialTable, Lim
 
 
 def measure_trial(job: Job) -> dict[str, Any]:
-    """Return the results of the protocol's tasks on the mesh of a cell.
+    """Return the results of the protocol's tasks on the mesh of a benchmark cell.
 
-    An image of each task, from a test camera, is written to the folder of the cell.
+    For each task, an image from a test camera is written to the folder of the benchmark cell.
     """
     from msb.trial.run import try_asset
 
@@ -111,9 +111,9 @@ def list_compared_tasks(table: TrialTable) -> tuple[str, ...]:
 
 
 def measure_repairs(job: Job) -> dict[str, Any]:
-    """Return the comparison of repair strategies on the mesh of a cell.
+    """Return the comparison of repair strategies on the mesh of a benchmark cell.
 
-    An image of each repair, from a test camera, is written to the folder of the cell.
+    For each repair, an image from a test camera is written to the folder of the benchmark cell.
     """
     from msb.repair.plan import Options
     from msb.trial.repairs import compare, document
@@ -190,7 +190,10 @@ def read_native_timing(job: Job) -> dict[str, Any]:
 
 
 def read_training(job: Job) -> dict[str, Any]:
-    """Return time and memory from a record of `msb track`, or only the time from a record of our trainer."""
+    """Return time and memory from a record of `msb track`.
+
+    From a record of our trainer, return only the time.
+    """
     from msb.bench.track import TrainingLog, read_training_record
 
     assert job.training is not None

@@ -1,7 +1,8 @@
 """The state of a scene's test views, and the ground truth: photographs prepared for comparison.
 
-The ground truth is written once per scene, resized, masked and rounded to bytes, with a list of hashes. Every
-run verifies the ground truth against this list, because a damaged image would falsify all later results.
+The ground truth is written once per scene: photographs that are resized, masked and rounded to bytes, with a
+list of hashes. Every run verifies the ground truth against this list, because a damaged image would falsify
+all later results.
 """
 
 import json
@@ -39,7 +40,7 @@ class ViewState:
     # Hash of photographs, sizes, masks and background. The ground truth folder is named after this hash.
     photographs: str
     setup: Setup
-    # Common names of photographs, renderings and ground truth, without suffix.
+    # Names without suffix that photographs, renderings and ground truth share.
     names: tuple[str, ...]
 
 
@@ -151,7 +152,7 @@ def _find_fault(folder: Path, views: ViewState) -> str | None:
     names = {f"{name}.png" for name in views.names}
     if not isinstance(files, dict) or about != _make_document(views, files) or set(files) != names:
         return f"{HASHES} belongs to other photographs"
-    # Ignore hidden files of file managers.
+    # Ignore hidden files that file managers create.
     others = {name for name in present if not Path(name).name.startswith(".")}
     for name in sorted(names | others):
         if present.get(name) != files.get(name):
@@ -163,9 +164,10 @@ def _find_fault(folder: Path, views: ViewState) -> str | None:
 
 
 def _hash_files_below(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 of each file below a folder, by name. The hash list itself is left out.
+    """Return the SHA-256 of each file below a folder, as a mapping from file name to hash. The hash list
+    itself is left out.
 
-    A folder in place of a file has the hash "".
+    If a folder is in place of a file, its hash is "".
     """
     files = (Path(root, name) for root, _, names in os.walk(folder) for name in names)
     return {

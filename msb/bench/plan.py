@@ -1,4 +1,4 @@
-"""The plan of a run: the cells of the protocol, the parts to compute, and the reasons for computing them."""
+"""The plan of a run: its benchmark cells, the parts to compute, and the reason for each part."""
 
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -56,23 +56,23 @@ class Planned:
     """One benchmark cell and its pending work."""
 
     cell: Cell
-    # The job of the cell, or None if it cannot be computed.
+    # The job of the benchmark cell, or None if it cannot be computed.
     job: Job | None
-    # The reason for computing each part, or for making the bake (key "bake"). A reason is "new", "failed
-    # before", "requested", a list of changed inputs, or a fault of a record or image.
+    # The reason for computing each part, or for making the bake (key "bake"). A reason is one of "new",
+    # "failed before" and "requested", a list of changed inputs, or a fault of a record or image.
     why: Mapping[str, str] = field(default_factory=dict)
-    # State "done" means that all parts are recorded and valid. Cells with the state "failed" or "unsupported"
-    # have a `reason`.
+    # State "done" means that all parts are recorded and valid. Benchmark cells with the state "failed" or
+    # "unsupported" have a `reason`.
     status: Literal["done", "pending", "failed", "unsupported"] = "pending"
     reason: Reason | None = None
-    # The bake must finish before the parts of the cell can be planned.
+    # The bake must finish before the parts of the benchmark cell can be planned.
     bake: BakeTask | None = None
 
 
 def find_pairs(
     file: ProtocolFile, only: Sequence[str] = (), folder_errors: dict[str, MsbError] | None = None
 ) -> list[Pair]:
-    """Return the pairs of method and scene that contain a cell selected by `only` (`is_selected`).
+    """Return the pairs of method and scene that contain a benchmark cell selected by `only` (`is_selected`).
 
     If the protocol lists no scenes of a dataset, the folder of the dataset is searched. An unreadable folder
     is an error. If `folder_errors` is given, it receives the error of each unreadable dataset, and the
@@ -112,12 +112,12 @@ def find_pairs(
 
 
 def _make_selection_error(only: Sequence[str], names: Sequence[str]) -> UsageError:
-    text = f"--only {' --only '.join(only)} selects no cell; possible words are {', '.join(names)}"
+    text = f"--only {' --only '.join(only)} selects no benchmark cell; possible words are {', '.join(names)}"
     return UsageError("USAGE", text)
 
 
 class Planner:
-    """Plans the cells that `only` selects. If `redo` is true, finished parts are computed again."""
+    """Plans the benchmark cells that `only` selects. If `redo` is true, finished parts are computed again."""
 
     def __init__(
         self,
@@ -133,10 +133,10 @@ class Planner:
         self.pairs: dict[tuple[str, ...], Pair] = {}
 
     def plan(self, pairs: Sequence[Pair], models: Mapping[Pair, ModelAsset | Exception]) -> list[Planned]:
-        """Return all selected cells in the order of the protocol.
+        """Return all selected benchmark cells in the order of the protocol.
 
-        For each pair of method and scene, `models` contains the model or the error about the model. In a dry
-        run, models that have not been exported count as missing.
+        For each pair of method and scene, `models` contains the model, or the error that prevented reading
+        the model. In a dry run, models that have not been exported count as missing.
         """
         cells = []
         for pair in pairs:
@@ -158,12 +158,12 @@ class Planner:
         return cells
 
     def _plan_pair(self, pair: Pair, model: ModelAsset | Exception | None) -> Iterator[Planned]:
-        """Yield the cells of a method and a scene, one for each condition, engine, variant and bake."""
+        """Yield a benchmark cell for each condition, engine, variant and bake of a method on a scene."""
         name = model.method if isinstance(model, ModelAsset) else pair.method.name
         if name == AUTO and model is None and pair.model is not None:
             with contextlib.suppress(MsbError):
                 name = detect_method(pair.model)
-        if name == AUTO:  # the model cannot be read, so its method and its cells are unknown
+        if name == AUTO:  # the model cannot be read, so its method and its benchmark cells are unknown
             return
         conditions = pair.method.conditions or self.file.protocol.conditions
         for condition in conditions:
@@ -193,7 +193,10 @@ class Planner:
     def _plan_bake(
         self, pair: Pair, model: ModelAsset | Exception | None, table: BakeTable, cell: Cell
     ) -> Planned:
-        """Return the plan of a baked cell. If the bake is missing, the plan contains its task."""
+        """Return the plan of a baked benchmark cell.
+
+        If the bake does not exist yet, the plan contains its task.
+        """
         if not isinstance(model, ModelAsset) or not is_selected(cell, self.only):
             return self._plan_cell(pair, model, cell)
         settings = get_overrides(pair.method)
@@ -222,15 +225,15 @@ class Planner:
         return Planned(cell, None, {"bake": why}, bake=task)
 
     def plan_after_bake(self, cell: Cell, bake: ModelAsset | Exception) -> Planned:
-        """Return the plan of a cell after its bake has finished or failed."""
+        """Return the plan of a benchmark cell after its bake has finished or failed."""
         return self._plan_cell(self.pairs[cell.names], bake, cell)
 
     def _plan_cell(self, pair: Pair, model: ModelAsset | Exception | None, cell: Cell) -> Planned:
-        """Return the plan of a cell.
+        """Return the plan of a benchmark cell.
 
         The state is unsupported, failed or done, or the plan has a job for the missing parts.
         """
-        # do not read the files of a cell that is not selected
+        # do not read the files of a benchmark cell that is not selected
         if not is_selected(cell, self.only):
             return Planned(cell, None)
         why = self._find_unsupported(pair, model, cell)
@@ -258,7 +261,7 @@ class Planner:
     def _find_unsupported(
         self, pair: Pair, model: ModelAsset | Exception | None, cell: Cell
     ) -> Reason | None:
-        """Return the reason that makes a cell unsupported by the method, or None."""
+        """Return the reason that makes a benchmark cell unsupported by the method, or None."""
         tier = TIER_OF.get(cell.condition)
         if cell.condition == "non_engine" and pair.method.non_engine != REFERENCE:
             return None
@@ -285,12 +288,12 @@ class Planner:
         return Reason(code="UNSUPPORTED_TIER", message=f"{cell.method} on tier {tier}: {why}")
 
     def _find_variant(self, cell: Cell) -> VariantTable | None:
-        """Return the table of the cell's variant, or None if the cell has no variant."""
+        """Return the protocol table for the benchmark cell's variant, or None if the cell has no variant."""
         tables = (table for table in self.file.protocol.variants if table.label == cell.variant)
         return next(tables, None)
 
     def _make_job(self, pair: Pair, model: ModelAsset | None, cell: Cell) -> Job:
-        """Return a job for a cell, without the parts to compute."""
+        """Return a job for a benchmark cell, without the parts to compute."""
         protocol, method = self.file.protocol, pair.method
         names = {"dataset": cell.dataset, "scene": cell.scene, "method": cell.method}
 
@@ -335,7 +338,10 @@ class Planner:
         )
 
     def scene_at(self, pair: Pair, model: ModelAsset | None, method: str) -> SceneAt:
-        """Return the scene of a pair. Options of the method take precedence over options of the dataset."""
+        """Return the scene for a pair of method and scene.
+
+        Options of the method take precedence over options of the dataset.
+        """
 
         def option(name: str) -> Any:
             value = getattr(pair.method, name)
@@ -371,14 +377,14 @@ class Planner:
 
 
 def _is_walked(table: WalkTable | None, cell: Cell) -> bool:
-    """Return whether the protocol has a walk for a cell."""
+    """Return whether the protocol has a walk for a benchmark cell."""
     if table is None or cell.condition not in WALKED:
         return False
     return not table.conditions or cell.condition_name in table.conditions
 
 
 def _find_variant_fault(variant: VariantTable, method: str) -> str | None:
-    """Return the reason if a method does not support a variant, else None."""
+    """Return the reason why a method does not support a variant, or None."""
     if lacks := variant.settings.keys() - lookup(method).settings.keys():
         return f"the variant changes {', '.join(sorted(lacks))}, which is not a setting of {method}"
     if variant.renderer is not None and "dedicated" not in getattr(
@@ -389,7 +395,7 @@ def _find_variant_fault(variant: VariantTable, method: str) -> str | None:
 
 
 def _find_change(part: PartName, inputs: PartInputs, old: Result | None) -> str | None:
-    """Return the reason for computing a part. If its record is valid, return None."""
+    """Return the reason for computing a part. If the record of the part is valid, return None."""
     if old is None:
         return "new"
     recorded = old.inputs.get(part)
@@ -416,17 +422,18 @@ def _find_changed_image(folder: Path, old: Result) -> str | None:
 
 
 def is_selected(cell: Cell, only: Sequence[str]) -> bool:
-    """Return whether `only` selects a cell.
+    """Return whether `only` selects a benchmark cell.
 
     A string of `only` contains patterns separated by slashes, such as "two_dts/garden". A pattern may contain
-    ``*`` and ``?``. A string selects a cell if each pattern matches the cell's dataset, scene, method, label,
-    condition, variant or renderer. One matching string is enough. If `only` is empty, every cell is selected.
+    ``*`` and ``?``. A string selects a benchmark cell if each pattern matches the cell's dataset, scene,
+    method, label, condition, variant or renderer. A cell is selected if at least one string matches. If
+    `only` is empty, every benchmark cell is selected.
     """
     return _matches((*cell.names, cell.method, cell.condition), only)
 
 
 def _matches(names: Sequence[str], only: Sequence[str]) -> bool:
-    """Return whether at least one string of `only` matches the names of a cell."""
+    """Return whether at least one string of `only` matches the names of a benchmark cell."""
     return not only or any(
         all(any(fnmatchcase(name, pattern) for name in names) for pattern in text.split("/")) for text in only
     )

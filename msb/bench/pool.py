@@ -1,7 +1,7 @@
 """Workers that compute the tasks of a run: processes on this machine, or a Dask cluster.
 
 A task is the argument of a function in this package, as plain data. If a task raises an exception, the
-exception is returned instead of a result. If a worker process dies, only its current task is lost.
+exception is returned as the result of the task. If a worker process dies, only its current task is lost.
 """
 
 import contextlib
@@ -29,13 +29,16 @@ Answer = TypeVar("Answer")
 
 
 class Workers(ABC):
-    """Workers that compute `jobs` tasks at a time."""
+    """Workers that compute `jobs` tasks at the same time."""
 
     jobs: int
 
     @abstractmethod
     def executor(self) -> Executor:
-        """Return the executor that runs the tasks. After the death of a worker, a new executor is created."""
+        """Return the executor that runs the tasks.
+
+        When a worker process has died, a new executor is created.
+        """
 
     @abstractmethod
     def close(self) -> None:
@@ -53,13 +56,14 @@ def run_all(
 ) -> Iterator[tuple[Task, Answer | Exception]]:
     """Compute ``function(task)`` for all tasks. Yield each finished task with its result or exception.
 
-    Workers must be able to import the function. With `alone`, tasks run one after the other, so that timings
-    are not disturbed by other tasks of the run.
+    Worker processes must be able to import the function. If `alone` is true, tasks run one after the other,
+    so that they do not disturb timings.
 
-    When a process dies, the pool does not know which task killed the process. The task was in progress, so it
-    is among the first unfinished tasks (at most one per worker). The pool repeats the first unfinished tasks,
-    one at a time. If a worker process dies again during the same task, the task fails with RUN_WORKER_DIED.
-    The other tasks continue. A Dask scheduler repeats the tasks of a dead worker itself.
+    When a process dies, the process pool does not know which task caused this. A task that was in progress is
+    among the first unfinished tasks, because each worker computes one task at a time. The process pool
+    repeats the first unfinished tasks, one at a time. If a worker process dies again during the same task,
+    the task fails with RUN_WORKER_DIED. All other tasks continue. A Dask scheduler repeats the tasks of a
+    dead worker itself.
     """
     waiting = list(tasks)
     while waiting:
@@ -74,7 +78,8 @@ def run_all(
                 else:
                     yield waiting[number], answer
         broken.sort()
-        # One of the first unfinished tasks may have killed the worker. Submit the remaining tasks again.
+        # One of the first unfinished tasks may have ended the worker process. Submit the remaining tasks
+        # again.
         for number in broken[:suspects]:
             second_answer: Answer | Exception = _get_answer(
                 _submit(workers.executor(), function, waiting[number])
@@ -103,7 +108,7 @@ def _run_group(
 
 
 def _submit(executor: Executor, function: Callable[[Task], Answer], task: Task) -> Future[Answer]:
-    """Submit a task. If the pool is broken, return a future with the pool's error."""
+    """Submit a task. If the process pool is broken, return a future with the pool's error."""
     try:
         return executor.submit(function, task)
     except BrokenExecutor as error:
@@ -132,7 +137,10 @@ def _make_death_error() -> DeviceError:
 
 
 class _Process(SpawnProcess):
-    """A process that starts with blocked interrupts. Ctrl-C during the start then prints no traceback."""
+    """A worker process that starts with blocked interrupts.
+
+    Ctrl-C during the start of the process then prints no traceback.
+    """
 
     def start(self) -> None:
         if sys.platform == "win32":
@@ -150,7 +158,7 @@ class _Context(SpawnContext):
 
 
 class LocalWorkers(Workers):
-    """Processes on this machine.
+    """Worker processes on this machine.
 
     The processes are spawned instead of forked, so that they inherit no OpenCL context.
 
@@ -172,7 +180,7 @@ class LocalWorkers(Workers):
         return self._pool
 
     def close(self) -> None:
-        """End all processes immediately, even during a task."""
+        """End all worker processes immediately, even during a task."""
         self._writer.close()
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
@@ -192,7 +200,7 @@ def _initialize_worker(pipe: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform != "win32":
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    warnings.simplefilter("ignore", PackageWarning)  # the parent process prints this warning once
+    warnings.simplefilter("ignore", PackageWarning)  # the parent process already prints this warning
 
     def wait() -> None:
         with contextlib.suppress(EOFError, OSError):

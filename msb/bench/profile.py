@@ -23,10 +23,11 @@ if TYPE_CHECKING:
     from msb.render import Renderer
     from msb.scenes import Camera
 
-# The default warm-up ends after this number of frames or seconds, whichever comes first.
+# The default warm-up ends after this number of frames or after this time in seconds, whichever comes first.
 WARM_UP_FRAMES = 10
 WARM_UP_SECONDS = 1.0
-# Number of rounds of a timing. The frame rates of the rounds differ if other programs use the machine.
+# Number of consecutive rounds that divide the frames of a timing. If other programs use the machine, the
+# rounds have different frame rates.
 ROUNDS = 5
 
 
@@ -35,14 +36,14 @@ class Profile:
     """The result of timing a renderer."""
 
     timing: Timing
-    # Bytes of each device buffer after all cameras were drawn, by the name of the buffer. Buffers never
-    # shrink, so each buffer has the size that the most demanding camera needs.
+    # For the name of each device buffer, its bytes after all cameras were drawn. Buffers never shrink, so
+    # each buffer has the size that the largest view needs.
     memory: Mapping[str, int]
-    # The group of each buffer (`Renderer.memory_groups`), by the name of the buffer.
+    # For the name of each device buffer, its group (`Renderer.memory_groups`).
     memory_groups: Mapping[str, str]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the profile as JSON data. Device times are None if the renderer measured none."""
+        """Return the profile as JSON data. Device times are None if the renderer did not measure them."""
         timing = self.timing
         device = timing if timing.has_device_times else None
 
@@ -88,7 +89,7 @@ def profile(
             cycle.repeat(SETTLED_AT - cycle.frames, 0)
     elif warm_up:
         cycle.repeat(warm_up, 0)
-    # Time the frames from here. Draw the remaining cameras only to measure memory.
+    # The timed frames start here. Draw the remaining cameras only to measure memory.
     start = time.perf_counter()
     cycle.ends.clear()
     drawn = cycle.repeat(frames, seconds, step=step)
@@ -138,7 +139,7 @@ def _compute_round_rates(ends: Sequence[float]) -> tuple[float, ...]:
 def _select_frame_times(spans: Sequence[float]) -> tuple[float, ...]:
     """Return the times of all frames in ms.
 
-    If a record cannot store all times, return evenly spread frames.
+    If there are too many times for a record, return the times of evenly spread frames.
     """
     count = min(len(spans), MOST_FRAME_TIMES)
     return tuple(round(spans[number * len(spans) // count], 4) for number in range(count))
@@ -147,8 +148,8 @@ def _select_frame_times(spans: Sequence[float]) -> tuple[float, ...]:
 class _CameraCycle:
     """Draws cameras in turn.
 
-    `unseen` contains the cameras that were not drawn yet. The remaining cameras are drawn later to measure
-    memory.
+    The set `unseen` contains the cameras that were not drawn yet. The remaining cameras are drawn later to
+    measure memory.
     """
 
     def __init__(self, renderer: Renderer, cameras: Sequence[Camera], background: Sequence[float]) -> None:

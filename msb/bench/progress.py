@@ -1,4 +1,4 @@
-"""The progress of a stage of a run: its current tasks, and an estimate of the remaining time."""
+"""The progress of one stage of a run: its current tasks and its estimated remaining time."""
 
 import statistics
 import time
@@ -10,17 +10,17 @@ class RemainingTime(NamedTuple):
     """An estimate of the remaining time."""
 
     seconds: float
-    # Whether the estimate is a lower bound. The estimate is a lower bound in two cases: a kind of task has no
-    # finished task yet, or a task already takes longer than the average of its kind.
+    # Whether the estimate is a lower bound. The estimate is a lower bound if a kind of task has no finished
+    # task yet. The estimate is also a lower bound if a task takes longer than the average of its kind.
     at_least: bool
 
 
 class Stage:
     """One stage of a run. Call `end` after each task.
 
-    Workers take tasks in order, `at_once` at a time. Therefore the current tasks are the first unfinished
-    tasks. The remaining time is estimated from finished tasks of the same kind. List the following stages in
-    `then`. The estimate does not include these stages.
+    Workers take the tasks in order, and compute `at_once` tasks at the same time. Therefore the current tasks
+    are the first unfinished tasks. The remaining time is estimated from finished tasks of the same kind.
+    `then` lists the following stages. The estimate does not include the following stages.
     """
 
     def __init__(
@@ -63,9 +63,10 @@ class Stage:
         self._record_starts()
 
     def estimate_rest(self) -> RemainingTime | None:
-        """Return the estimated time of the remaining tasks, from the average time of each kind.
+        """Return the estimated time of the remaining tasks. The estimate uses the average time of each kind
+        of task.
 
-        If no remaining kind of task has a finished task, the result is None.
+        If no task of the remaining kinds has finished, the result is None.
         """
         # The progress bar calls this function in another thread, so lists that may change are copied.
         means = {kind: statistics.fmean(durations) for kind, durations in list(self._durations.items())}
@@ -80,6 +81,6 @@ class Stage:
         return RemainingTime(max(sum(known) / self._at_once, *known), len(known) < len(self._waiting))
 
     def _record_starts(self) -> None:
-        """Record the start of the tasks that have just become current."""
+        """Record the start time of tasks that have just started."""
         for number in self._waiting[: self._at_once]:
             self._starts.setdefault(number, self._clock())

@@ -100,7 +100,7 @@ def make_single_protocol(
     """Return a protocol that evaluates one model on one scene, as if its file were in the current folder.
 
     The results folder has the name of the model and the scene. `non_engine` is a folder of official
-    renderings, or "reference" for our reference renderer. The other options are those of `read_scene`.
+    renderings, or "reference" for our reference renderer. The other options are the options of `read_scene`.
     """
     from msb.scenes.datasets import dataset_of
 
@@ -139,7 +139,7 @@ def _quote(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
 
 
-# Pairs (JSON pointer, text) for errors that the types of the tables cannot detect.
+# Yield pairs (JSON pointer, text) for errors that the types of the tables cannot detect.
 _Faults = Iterator[tuple[str, str]]
 
 
@@ -157,7 +157,7 @@ def _find_faults(protocol: Protocol) -> _Faults:
         for number, bake in enumerate(protocol.bakes):
             yield from _check_datasets(bake, protocol, f"/bakes/{number}")
             yield from _check_call(f"/bakes/{number}", partial(BakeOptions, **bake.options))
-    # A walk may name only conditions that our renderers or an engine can render.
+    # A walk (camera path) may name only conditions that our renderers or an engine can render.
     walked = () if protocol.walk is None else protocol.walk.conditions
     labels = [*(table.label for table in protocol.variants), *(table.label for table in protocol.bakes)]
     rendered = (*WALKED, *protocol.engines, *labels)
@@ -207,8 +207,9 @@ def _check_datasets(table: MethodTable | BakeTable, protocol: Protocol, place: s
 
 
 def _check_labels(protocol: Protocol) -> _Faults:
-    """Yield an error for each label that is already used in tables or folders."""
-    # The method of each model label. Two models of a method may share a label if their scenes differ.
+    """Yield an error for each label that is already used as a column or folder name."""
+    # For each label of a model, the method of the model. Two models of a method may share a label if their
+    # scenes differ.
     methods: dict[str, str] = {}
     for number, method in enumerate(protocol.methods):
         place = f"/methods/{number}/label"
@@ -238,11 +239,11 @@ def _check_variant(variant: VariantTable, protocol: Protocol, place: str) -> _Fa
     from msb.render.backend import renderers
 
     if not (variant.options or variant.renderer or variant.settings):
-        yield place, "a variant must set its order, sampling, renderer or settings"
+        yield place, "a variant must set at least one of order, sampling, renderer and settings"
     if variant.renderer is not None and variant.renderer not in renderers():
         text = f'unknown renderer "{shorten(variant.renderer)}"; available: {", ".join(renderers())}'
         yield f"{place}/renderer", text
-    # Each setting is checked for all methods that have it. An unknown setting is an error.
+    # A setting is checked for every method that has this setting. An unknown setting is an error.
     names = [method.name for method in protocol.methods]
     known = METHODS if AUTO in names else names
     for name, value in get_overrides(variant).items():
@@ -252,7 +253,7 @@ def _check_variant(variant: VariantTable, protocol: Protocol, place: str) -> _Fa
 
 
 def _check_call(place: str, check: Callable[..., object], *arguments: Any) -> _Faults:
-    """Call a function. A UsageError of the function is yielded as an error at `place`."""
+    """Call a function. If the function raises a UsageError, yield an error at `place`."""
     try:
         check(*arguments)
     except UsageError as error:

@@ -11,14 +11,14 @@ from msb.bench.timing import Timing
 from msb.bench.validation import Record
 from msb.registry import Order, Sampling
 
-# The method of a model with this name is detected from its files.
+# Method name that requests detection of the method from the model's files.
 AUTO = "auto"
-# Value of `non_engine` that requests images of our NumPy renderer instead of official renderings.
+# Value of `non_engine` that requests images of our NumPy renderer in place of official renderings.
 REFERENCE = "reference"
 PLACES = ("dataset", "scene", "method")
-# A placeholder in a path, or a doubled brace, which denotes a literal brace.
+# A placeholder in a path, or a doubled brace, which represents a single brace.
 PLACE = re.compile(r"\{\{|\}\}|\{(.*?)\}")
-# Pattern of names that are used as folder names in the results.
+# Pattern of valid names for folders in the results.
 _NAME = r"^[^/\\\x00-\x1f.][^/\\\x00-\x1f]*$"
 
 FolderName = Annotated[str, Field(pattern=_NAME, max_length=100)]
@@ -60,7 +60,7 @@ class MethodTable(SceneOptions):
     name: str = AUTO
     # The label distinguishes models of one method, and names the columns and folders of the model.
     label: FolderName | None = None
-    # The checkpoint, .triasset or mesh of each scene. Without a model, only official renderings are
+    # The checkpoint, .triasset or mesh of each scene. If no model is given, only official renderings are
     # evaluated.
     model: Template | None = None
     # The datasets on which the method is evaluated. Default: all.
@@ -135,7 +135,10 @@ class MetricsTable(Record):
 
 
 class TimingTable(Record):
-    """``[timing]``: the minimum number of frames and of seconds. With 0 frames, timings are left out."""
+    """``[timing]``: the minimum number of frames and of seconds.
+
+    If the number of frames is 0, timings are left out.
+    """
 
     frames: Annotated[int, Field(ge=0)] = Timing.frames
     seconds: Annotated[float, Field(ge=0)] = Timing.seconds
@@ -149,10 +152,10 @@ class ChamferTable(Record):
 
 
 class VideosTable(Record):
-    """``[videos]``: films of the conditions side by side along a camera path.
+    """``[videos]``: videos that show the conditions side by side along a camera path.
 
-    The `path` "flight" moves smoothly through the test cameras. The `path` "test" shows the test views,
-    together with the photographs and the official renderings.
+    The `path` "flight" is a smooth camera path through the test cameras. The `path` "test" shows the test
+    views, together with the photographs and the official renderings.
     """
 
     path: Literal["flight", "test"] = "flight"
@@ -167,9 +170,9 @@ class WalkTable(Record):
     # engine render.
     conditions: tuple[FolderName, ...] = ()
 
-    # The walk needs 24 frames from one stop to the next, and 240 frames for a loop with ten stops.
+    # The camera path needs 24 frames from one stop to the next, so a loop with ten stops has 240 frames.
     frames: Annotated[int, Field(ge=3, le=100_000)] = 240
-    # Distance of the stops from the cameras, relative to the radius of the capture.
+    # Distance from each stop of the camera path to the cameras, relative to the radius of the capture.
     reach: Annotated[float, Field(ge=0, le=10)] = 0.25
     # Longer side of the frames in pixels.
     size: Annotated[int, Field(ge=16, le=16_384)] = 640
@@ -211,8 +214,8 @@ class Protocol(Record):
 def make_protocol_model(*, bakes: bool) -> type[Protocol]:
     """Return the data model of a protocol file.
 
-    With `bakes`, the tables ``[[bakes]]`` accept the options of `msb.bake`. Protocols without bakes do not
-    import `msb.bake`.
+    If `bakes` is true, the tables ``[[bakes]]`` accept the options of `msb.bake`. If a protocol has no bakes,
+    `msb.bake` is not imported.
     """
     if not bakes:
         return Protocol

@@ -1,4 +1,4 @@
-"""The part "quality" of a cell: write the images of the cell, and compare them with the photographs."""
+"""The part "quality" of a benchmark cell: write images, and compare them with the photographs."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def measure_quality(job: Job) -> dict[str, Any]:
         installed = ", ".join(identity.name for identity in measures.identities)
         text = f"this worker has other metrics than the run ({installed}); install its packages here"
         raise UsageError("PACKAGE_LEFT_OUT", text)
-    # Compare images while other threads compress and write them.
+    # Compare images while other threads compress and write the images.
     compared: list[dict[str, Any]] = []
     with new_folder(job.folder / "images") as folder, Writers() as writers:
         for name, camera, image in zip(names, scene.test, source.images(), strict=True):
@@ -79,7 +79,7 @@ def load_measures(weights: Path | None) -> metrics.Measures:
 def hash_metrics(weights: Path | None) -> str:
     """Return a hash of the definitions of all metrics.
 
-    While this hash is unchanged, recorded values remain valid.
+    While this hash does not change, recorded values remain valid.
     """
     return digest([defined(identity.to_dict()) for identity in load_measures(weights).identities])
 
@@ -150,9 +150,9 @@ class _RenderedImages:
 
 
 def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
-    """Return the renderer for the asset of a cell.
+    """Return the renderer for the asset of a benchmark cell.
 
-    If `asset` is given, the renderer draws this asset instead.
+    If `asset` is given, the renderer draws this asset in place of the benchmark cell's asset.
 
     The renderer omits buffers that are only needed by other commands.
     """
@@ -169,7 +169,7 @@ def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
 def describe_renderer(job: Job, name: str) -> RendererInfo:
     """Return the record of a renderer: its name, version and settings.
 
-    Pass "TITLE VERSION" as `name`. The settings are taken from the job.
+    `name` is "TITLE VERSION". The settings are taken from the job.
     """
     from msb.asset.settings import effective_settings
 
@@ -187,9 +187,10 @@ def describe_renderer(job: Job, name: str) -> RendererInfo:
 def _compare(
     job: Job, camera: Camera, name: str, pixels: Pixels, truth: Path, measures: metrics.Measures
 ) -> dict[str, Any]:
-    """Return the values of `ImageQuality` except the hash of the image file, which is still being written.
+    """Return the values of `ImageQuality`. The hash of the image file is missing, because the file is still
+    being written.
 
-    `pixels` is the image as (H, W, 3) uint8, and `truth` is the file of the photograph.
+    `pixels` is the image as (H, W, 3) uint8. `truth` is the file of the photograph.
     """
     values = measures(pixels, metrics.read_image(truth))
     equal = values["psnr"] == math.inf

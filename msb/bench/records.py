@@ -1,8 +1,8 @@
-"""Result records: JSON files with the measurements of one cell (dataset, scene, method, condition).
+"""Result records: JSON files with the measurements of one benchmark cell (dataset, scene, method, condition).
 
 `msb run` writes the records, and `msb report` reads them. Values have full precision. The units are seconds,
-milliseconds, bytes and the units of the metrics. A missing value is None and has a reason. The file is
-described in docs/protocol.md.
+milliseconds, bytes and the units of the metrics. A missing value is None. The record contains the reason. The
+file is described in docs/protocol.md.
 """
 
 import math
@@ -32,10 +32,11 @@ from msb.metrics.vgg import MOST_LPIPS, is_weights_record
 from msb.registry import Tier
 
 SCHEMA: Literal["msb.result/2"] = "msb.result/2"
-# Maximum size of a record in bytes. The record of an image takes about 400 bytes, so 100,000 test views fit.
+# Maximum size of a record in bytes. The record of an image has about 400 bytes, so the limit allows 100,000
+# test views.
 MAX_BYTES = 64 << 20
-# Maximum number of frame times in a record. 20,000 times take 160 kB. The default timing of 3 s has fewer
-# frames.
+# Maximum number of frame times in a record. The JSON text of 20,000 times takes 160 kB. The default timing
+# takes 3 s and therefore has fewer frames.
 MOST_FRAME_TIMES = 20_000
 # Maximum size of a file of the schema msb.renderer_timing/1 in bytes.
 _MAX_TIMING = 1 << 16
@@ -44,23 +45,24 @@ Condition = Literal["non_engine", "dedicated", "standard", "exported_mesh"]
 # The conditions of the benchmark: native renderer, two engine tiers, and exported mesh. The exported mesh is
 # audited but not rendered.
 CONDITIONS: tuple[Condition, ...] = ("non_engine", "dedicated", "standard", "exported_mesh")
-# The tier that renders each condition with images, in the order of decreasing quality.
+# The tier that renders each condition with images. The conditions are sorted by decreasing quality.
 TIER_OF: Mapping[str, Tier] = MappingProxyType(
     {"non_engine": "reference", "dedicated": "dedicated", "standard": "standard"}
 )
 
-# Conditions that are measured on the walk, because their renderers accept arbitrary cameras.
+# Conditions that are measured on the camera path (walk), because their renderers accept arbitrary cameras.
 WALKED: tuple[Condition, ...] = ("dedicated", "standard")
 # Names of bake conditions begin with this word.
 BAKED = "baked"
 
-# Tolerance for recorded averages. The tolerance is larger than rounding errors, and smaller than the last
-# printed digit.
+# Tolerance for recorded averages. The tolerance is larger than rounding errors, and smaller than one unit of
+# the last printed digit.
 _ROUNDING = {"rel_tol": 1e-9, "abs_tol": 1e-9}
 
-# Larger numbers in any part of a record are rejected. Sums and squares of accepted numbers do not overflow.
+# If a part of a record contains a larger number, the record is rejected. Sums and squares of accepted numbers
+# do not overflow.
 _MAX_NUMBER = 1e100
-# A positive number. The lower limit avoids infinite quotients.
+# A positive number. The lower limit avoids division by values close to zero.
 _Divisor = Annotated[float, Field(ge=1e-9)]
 
 Status = Literal["done", "failed", "unsupported"]
@@ -88,17 +90,23 @@ class Cell(Record):
     variant: Name | None = None
     # The label of a bake: a standard-tier mesh that was baked from the model.
     bake: Name | None = None
-    # The name in `msb.renderers` of the cell's engine, or of a variant's renderer.
+    # The name in `msb.renderers` of the engine that renders the benchmark cell, or of a variant's renderer.
     renderer: Name | None = None
 
     @property
     def model_name(self) -> str:
-        """The name of the model in tables and folders: its label, or else its method."""
+        """The name of the model in tables and folders.
+
+        The name is the label, or the method if there is no label.
+        """
         return self.label or self.method
 
     @property
     def condition_name(self) -> str:
-        """The folder name of the condition: its bake, variant or renderer if given, else the condition."""
+        """The folder name of the condition.
+
+        The name is the bake, variant or renderer if given, otherwise the condition.
+        """
         return self.bake or self.variant or self.renderer or self.condition
 
     @property
@@ -114,7 +122,7 @@ class Cell(Record):
 
     @property
     def names(self) -> tuple[str, str, str, str]:
-        """Dataset, scene, model and condition; these names are the folders of the cell."""
+        """Dataset, scene, model and condition; these names are the folders of the benchmark cell."""
         return self.dataset, self.scene, self.model_name, self.condition_name
 
 
@@ -127,7 +135,10 @@ class File(Record):
 
 
 class Setup(Record):
-    """The conditions of a comparison. Two results are comparable only if their conditions are equal."""
+    """The conditions under which two results are compared.
+
+    Two results are comparable only if these conditions are equal.
+    """
 
     # Principal point in the image centre, as in 3DGS ("gs_fov"), or as recorded ("full_K").
     camera_convention: Literal["gs_fov", "full_K"]
@@ -135,7 +146,7 @@ class Setup(Record):
     image_folder: str
     # Whether the photographs were resized because the dataset provides no images of this size.
     gt_resized: bool
-    # Colour behind the model and behind a masked photograph, RGB from 0 to 1.
+    # Colour behind the model and behind masked photographs, as RGB from 0 to 1.
     background: tuple[float, float, float]
     mask_source: Literal["png_alpha", "mask_folder", "mask_path"] | None = None
     render_masked_by_gt_alpha: bool = False
@@ -152,7 +163,7 @@ class _MetricValues(Record):
 
     @property
     def values(self) -> dict[str, float | None]:
-        """The value of each metric by its key, or None."""
+        """For the key of each metric, its value or None."""
         return {key: self.__pydantic_extra__.get(key) for key in IMAGE_METRICS}
 
 
@@ -181,7 +192,7 @@ class Quality(_MetricValues):
     images: tuple[ImageQuality, ...]
     # The identity of every metric (`msb.metrics.identity`), with version and parameters.
     metrics: tuple[dict[str, Any], ...]
-    # For each missing metric of another package, the reason that it has no value.
+    # For each missing metric of another package, the reason why the metric has no value.
     missing: dict[Name, str] = Field(default_factory=dict)
 
     @property
@@ -209,7 +220,7 @@ class Timing(Record):
     """
 
     frames: Annotated[int, Field(gt=0)]
-    # Wall-clock seconds of all frames together.
+    # Wall-clock time of all frames together, in seconds.
     seconds: Amount
     # Frames per second of wall-clock time.
     fps: _Divisor
@@ -220,16 +231,17 @@ class Timing(Record):
     # Sum of the times of all commands of a frame.
     busy_p50_ms: Amount
     busy_p95_ms: Amount
-    # Device time since the first command was queued. The value is None if the renderer cannot measure this
-    # time.
+    # Device time from the queueing of the first command. The value is None if the renderer cannot measure
+    # this time.
     queued_p50_ms: Amount | None
     queued_p95_ms: Amount | None
-    # Frame rates of up to five consecutive rounds. The rates differ if other programs use the machine.
+    # Frame rates of up to five consecutive parts (rounds) of the timing. If other programs use the machine,
+    # the rounds have different frame rates.
     round_fps: tuple[Amount, ...]
     # Device time of each frame in units of 0.1 microseconds. Long timings keep only evenly spread frames.
     # Older records have no frame times.
     frame_ms: Annotated[tuple[Amount, ...], Field(max_length=MOST_FRAME_TIMES)] = ()
-    # Median milliseconds of each stage of the renderer.
+    # Median time of each renderer stage in milliseconds.
     stages_ms: dict[str, Amount]
     device_kind: Literal["gpu", "cpu", "other"]
 
@@ -258,7 +270,7 @@ class Timing(Record):
 class Memory(Record):
     """Bytes of our device buffers after all test views were drawn, by purpose.
 
-    Buffers never shrink, so each buffer has the size that the most demanding view needs.
+    Buffers never shrink, so each buffer has the size that the largest view needs.
     """
 
     geometry: Count
@@ -280,7 +292,10 @@ class Memory(Record):
 
 
 class Floor(Record):
-    """Time and memory of the renderer for a single triangle at this image size: a fixed cost of any mesh."""
+    """Time and memory of the renderer for a single triangle at this image size.
+
+    The cost of a single triangle is the fixed cost of drawing any mesh.
+    """
 
     width: Annotated[int, Field(gt=0)]
     height: Annotated[int, Field(gt=0)]
@@ -294,14 +309,14 @@ class RendererTiming(Record):
 
     schema_: Literal["msb.renderer_timing/1"] = Field(default="msb.renderer_timing/1", alias="schema")
     frames: Annotated[int, Field(gt=0)]
-    # Wall-clock seconds of all frames together.
+    # Wall-clock time of all frames together, in seconds.
     seconds: _Divisor
     # Name of the rendering device, such as "NVIDIA RTX 4090".
     device: Name
-    # Description of the measurement: "render() of 300 test views after a warm-up, nothing written".
+    # Description of the measurement, such as "render() of 300 test views after a warm-up, nothing written".
     timed: Name
-    # Whether loading and writing are included. Times that include loading or writing are not compared with
-    # other times.
+    # Whether the times include loading and writing. Times that include loading or writing are not compared
+    # with other times.
     whole_command: bool = False
     peak_gpu_memory_bytes: Count | None = None
 
@@ -319,14 +334,15 @@ class WalkDocument(Record):
     height: Count
     # Root mean square of `msb.metrics.steadiness.unexplained_change` over all frames, in levels of 255.
     flicker: Amount
-    # The flicker during the one second of the walk that flickers most.
+    # The flicker during the second of the walk with the most flicker.
     flicker_worst: Amount
-    # Index of the first frame of the worst second.
+    # Index of the first frame of the second with the most flicker.
     worst_frame: Count
-    # Share of hole pixels (`msb.metrics.steadiness.find_holes`) among all pixels with the model or a hole.
+    # Fraction of hole pixels (`msb.metrics.steadiness.find_holes`) among all pixels that show the model or a
+    # hole.
     holes: Share
-    # Name of a film file beside the record that shows the worst second. Without the extra `video`, the value
-    # is None.
+    # Name of a video file beside the record. The video shows the second with the most flicker. Without the
+    # extra `video`, the value is None.
     film: str | None
     seconds: Amount
 
@@ -358,7 +374,7 @@ class RendererInfo(Record):
 class Result(Record):
     """The record of one benchmark cell.
 
-    A cell is "done" if its images were compared or its mesh was audited. Tables print the status
+    A benchmark cell is "done" if its images were compared or its mesh was audited. Tables print the status
     "unsupported" as N/A and "failed" as --. Records with the status "unsupported" or "failed" have a
     `reason`. Parts that do not apply to the condition are None. Requested parts that are missing have a
     reason in `reasons`.
@@ -369,7 +385,7 @@ class Result(Record):
     cell: Cell
     status: Status
     reason: Reason | None = None
-    # Seconds spent on computing the cell.
+    # Seconds spent on computing the benchmark cell.
     seconds: Amount
     setup: Setup | None = None
     checkpoint: File | None = None
@@ -393,8 +409,8 @@ class Result(Record):
     trial: TrialDocument | None = None
     # Comparison of repairs, for exported meshes only. The images are in the folder "repairs".
     repairs: RepairDocument | None = None
-    # A walk exists only if the protocol requests it, and only for conditions that our renderers or an engine
-    # draw.
+    # A camera path (walk) is measured only if the protocol requests it, and only for conditions that our
+    # renderers or an engine draw.
     walk: WalkDocument | None = None
     training: Training | None = None
     # Notes on differences between training and evaluation: split, background and image size.
@@ -403,8 +419,8 @@ class Result(Record):
     renderer_timing: RendererTiming | None = None
     # The reason for each missing part ("timing", "walk", "trial", "repairs", "chamfer", "training").
     reasons: dict[Name, Reason] = Field(default_factory=dict)
-    # The hash or version of each input, by part and by name of the input. If an input changes, the part that
-    # depends on it is computed again.
+    # The hash or version of each input, by the names of part and input. If an input changes, each part that
+    # depends on this input is computed again.
     inputs: dict[Name, dict[Name, str]] = Field(default_factory=dict)
 
     @property
@@ -414,7 +430,7 @@ class Result(Record):
 
     @property
     def drawn_on(self) -> dict[str, Any]:
-        """The name of the device or engine that rendered; empty if unknown."""
+        """The name of the rendering device or engine; empty if unknown."""
         device = (self.device or {}).get("device")
         return device if isinstance(device, dict) else {}
 
@@ -486,7 +502,7 @@ def _find_quality_errors(quality: Quality) -> Iterator[tuple[str, str]]:
     if not quality.images:
         yield "/quality/images", "the list of images is empty"
         return
-    # The recorded averages are compared with averages computed from the images.
+    # The recorded averages are compared with averages that are computed from the images.
     infinite = sum(image.psnr_infinite for image in quality.images)
     if quality.psnr_inf_count != infinite:
         text = f"the value is {quality.psnr_inf_count}, but {infinite} images have an infinite PSNR"

@@ -32,12 +32,12 @@ _MAX_NAMES = 4
 class Renders:
     """A folder of official renderings."""
 
-    # One file per camera, in the order of the cameras.
+    # One image file per camera, in the order of the cameras.
     files: tuple[Path, ...]
     # Matching by "name": images have the names of the photographs. Matching by "number": images are called
     # 00000, 00001, ... in the order of the test views, as in code derived from 3DGS.
     matched_by: Literal["name", "number"]
-    # Path and size of the folder, and the SHA-256 of its list of file hashes.
+    # Path and size of the folder, and the SHA-256 of the list of file hashes.
     folder: File
 
 

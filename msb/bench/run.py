@@ -1,7 +1,7 @@
-"""A run: export and bake models, write ground truth, compute cells, take timings and write films.
+"""A run: export and bake models, write ground truth, compute benchmark cells, take timings and write videos.
 
-Each stage submits tasks to the workers, and continues if a task fails. Finished work is stored on disk, so an
-interrupted run continues when it is started again.
+Each stage submits tasks to the workers, and continues if a task fails. Finished work is stored on disk, so
+starting an interrupted run again continues the run.
 """
 
 import contextlib
@@ -60,9 +60,10 @@ class CellOutcome:
     planned: Planned
     # The current record; None if a dry run finds no record.
     result: Result | None
-    # The reason for each missing part of the cell.
+    # The reason for each missing part of the benchmark cell.
     seconds: float
-    # The reason for each missing part of the cell. The reason for the whole cell has the key "cell".
+    # The reason for each missing part of the benchmark cell. The reason for the whole cell has the key
+    # "cell".
     reasons: Mapping[str, Reason]
 
 
@@ -71,7 +72,7 @@ class Report:
     """The outcome of a run."""
 
     rows: tuple[CellOutcome, ...]
-    # Errors about models that cannot be read, by the path of the model.
+    # Errors about models that cannot be read. The key is the path of the model.
     models: Mapping[str, Reason]
     seconds: float
     # The missing inputs of a dry run.
@@ -106,11 +107,11 @@ def run_protocol(
     dry: bool = False,
     watch: Watch | None = None,
 ) -> Report:
-    """Evaluate the cells of a protocol that are not finished yet.
+    """Evaluate the benchmark cells of a protocol that are not finished yet.
 
     The tasks run in `jobs` processes on this machine, or on the workers of a Dask `scheduler`. `only` selects
-    cells (`msb.bench.plan.is_selected`), and `redo` computes finished parts again. A `dry` run does not
-    compute or write results. The report of a dry run contains the plan and the missing inputs.
+    benchmark cells (`msb.bench.plan.is_selected`), and `redo` computes finished parts again. A `dry` run does
+    not compute or write results. The report of a dry run contains the plan and the missing inputs.
     """
     start = time.perf_counter()
     watch = watch or _SilentWatch()
@@ -144,7 +145,7 @@ def _run_dry(
     start: float,
     watch: Watch,
 ) -> Report:
-    """Return the report of a dry run: the plan of all cells and the missing inputs."""
+    """Return the report of a dry run: the plan of all benchmark cells and the missing inputs."""
     errors = list({str(error): error for error in find_start_errors(file, watch.note)}.values())
     device: Mapping[str, Any] | None = None
     try:
@@ -180,7 +181,7 @@ class _Run:
     def __init__(self, file: ProtocolFile, run: str, workers: Workers, watch: Watch) -> None:
         self.file, self.run, self.workers, self.watch = file, run, workers, watch
         self.results = Results(file.results)
-        # Seconds spent on each cell in this run.
+        # Seconds spent on each benchmark cell in this run.
         self.spent: dict[Cell, float] = {}
 
     def execute(self, only: Sequence[str], redo: bool, start: float) -> Report:
@@ -202,7 +203,8 @@ class _Run:
                 self.record(planned)
             elif planned.status == "done" and planned.job is not None:
                 self.update_notes(planned.job)
-        # Timings run alone after all other parts, and only for cells whose other parts did not fail.
+        # Timings run after all other parts, without other tasks at the same time. Cells with a failed part
+        # are not timed.
         pending = [
             planned.job for planned in cells if planned.job is not None and planned.status == "pending"
         ]
@@ -235,7 +237,7 @@ class _Run:
         return {pair: models[task] for pair, task in tasks.items() if task is not None}
 
     def make_bakes(self, planner: Planner, cells: list[Planned]) -> list[Planned]:
-        """Compute the missing bakes, and return the plan with the cells of the bakes."""
+        """Compute the missing bakes, and return the plan with the benchmark cells of the bakes."""
         tasks = [planned.bake for planned in cells if planned.bake is not None]
         bakes = {id(task): answer for task, answer in self.run_tasks("bakes", make_bake, tasks)}
         for planned in cells:
@@ -259,7 +261,7 @@ class _Run:
                 write_cameras([*scene.train, *scene.test], folder / CAMERAS)
 
     def write_ground_truth(self, cells: list[Planned]) -> list[Planned]:
-        """Write missing or damaged ground truth, and return the plan with failed cells marked."""
+        """Write missing or damaged ground truth, and return the plan with failed benchmark cells marked."""
         jobs = [
             planned.job
             for planned in cells
@@ -299,28 +301,28 @@ class _Run:
         return failed
 
     def record(self, planned: Planned) -> None:
-        """Write the record of a cell that cannot be computed."""
+        """Write the record of a benchmark cell that cannot be computed."""
         assert planned.status in ("failed", "unsupported")
         result = Result(cell=planned.cell, status=planned.status, reason=planned.reason, seconds=0.0)
         write_result(self.results.cell(planned.cell), result)
 
     def update_notes(self, job: Job) -> None:
-        """Write the record of a finished cell again if its notes on the training have changed."""
+        """Write the record of a finished benchmark cell again if its notes on the training have changed."""
         result = self.results.read(job.cell)
         if result.trained != job.trained:
             write_result(job.folder, result.model_copy(update={"trained": job.trained}))
 
     def write_videos(self, cells: list[Planned]) -> None:
-        """Write the films of the protocol, if it has any."""
+        """Write the videos that the protocol requests."""
         options = self.file.protocol.videos
         if options is None:
             return
         jobs = [planned.job for planned in cells if planned.job is not None]
-        # A grid combines the films of several methods. Therefore plan grids after the films are written.
+        # A grid shows the videos of several methods. Therefore plan grids after the videos are written.
         for write, plan in ((write_video, plan_videos), (write_grid, plan_grids)):
             for task, answer in self.run_tasks("videos", write, plan(options, jobs)):
                 if isinstance(answer, Exception):
-                    self.watch.note(f"warning: {task.name}: the film was not written: {answer}")
+                    self.watch.note(f"warning: {task.name}: the video was not written: {answer}")
 
     def run_tasks(
         self,
@@ -333,7 +335,7 @@ class _Run:
     ) -> Iterator[tuple[Any, Any]]:
         """Compute the tasks of a stage. Yield each task with its result or exception.
 
-        An error of the whole cluster is raised. List the following stages in `then`.
+        If the whole cluster fails, the error is raised. `then` lists the following stages.
         """
         if not tasks:
             return
@@ -367,7 +369,7 @@ def _split_timing(job: Job, *, timing: bool) -> Job:
 
 
 def _make_outcome(results: Results, planned: Planned, seconds: float) -> CellOutcome:
-    """Return the outcome of a cell, including its current record."""
+    """Return the outcome of a benchmark cell, including its current record."""
     try:
         result: Result | None = results.read(planned.cell)
     except MsbError:

@@ -1,8 +1,9 @@
-"""The loss from Dedicated to Standard, split into three parts: colours, faces and blending.
+"""The loss of quality from Dedicated to Standard, split into three parts: colours, faces and blending.
 
-Two bakes of the same model separate the parts of the loss. Both bakes are rendered on the standard tier with
-one sample per pixel. The first bake (the ceiling) keeps the triangles and has the best static colours. No
-exporter that keeps the triangles can have a smaller loss. The second bake has new triangles.
+Two bakes of the same model separate the parts of the loss. Both baked meshes are rendered on the standard
+tier with one sample per pixel. The first bake (the ceiling) keeps the triangles and has the best static
+colours. No exporter that keeps the triangles can lose less quality than the ceiling. The second bake has new
+triangles.
 """
 
 from __future__ import annotations
@@ -34,11 +35,11 @@ class Split:
     total : Gap or None
         The loss from Dedicated to Standard; None if the method lacks one of these conditions.
     steps : mapping of StepName to Gap
-        The parts; positive if the condition on Dedicated's side is better.
+        The loss of each part. The value is positive if the condition nearer to Dedicated is better.
     within : mapping of StepName to StepName
-        For a part that no bake separates, the part that includes it.
+        For a part that was not measured separately, the part that includes its loss.
     ceiling, baked : str or None
-        The conditions of the bakes that separate the parts.
+        The conditions of the two bakes that separate the parts.
     """
 
     total: Gap | None
@@ -49,11 +50,11 @@ class Split:
 
 
 def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[str]) -> Split | None:
-    """Return the parts of the loss in `metric` of a method on a dataset, or None without a bake.
+    """Return the parts of a method's loss in `metric` on a dataset. If there is no bake, return None.
 
-    `results` contains the records by scene, then by condition. `scenes` are the expected scenes. The ceiling
-    is the bake with the best PSNR among the bakes that keep all triangles. The second bake has the best PSNR
-    among the bakes with new triangles.
+    `results` contains the records by scene, then by condition. `scenes` names all scenes that the dataset
+    should have. The ceiling is the bake with the best PSNR among the bakes that keep all triangles. The
+    second bake has the best PSNR among the bakes with new triangles.
     """
     expected = tuple(scenes)
     ceiling = _find_best_bake(results, expected, kept=True)
@@ -66,12 +67,12 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
         for name, record in conditions.items()
         if record.status == "done"
     }
-    # The four conditions in the order of decreasing loss. Each part of the loss is the difference between two
-    # neighbouring conditions.
+    # The four conditions, sorted by decreasing loss. Each part of the loss is the difference between two
+    # successive conditions.
     ends = ["standard", ceiling, baked, "dedicated"]
     known = [place for place, name in enumerate(ends) if name in finished]
     pairs = {places: (ends[places[1]], ends[places[0]]) for places in pairwise(known)}
-    # All parts cover the same scenes, so that they add up.
+    # All parts are computed over the same scenes, so that they add up to the whole loss.
     common = expected
     for better, worse in pairs.values():
         assert better is not None
@@ -83,7 +84,7 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
     def gap(better: str, worse: str) -> Gap:
         return replace(gap_between(metric, results, over, better, worse)[0], expected=len(expected))
 
-    # If a bake is missing, compute one gap for both parts that the bake would separate.
+    # If a bake is missing, compute one gap for the two parts that this bake would separate.
     steps: dict[StepName, Gap] = {}
     within: dict[StepName, StepName] = {}
     for (low, high), (better, worse) in pairs.items():
@@ -99,7 +100,7 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
 def _find_best_bake(results: Mapping[str, Conditions], scenes: tuple[str, ...], *, kept: bool) -> str | None:
     """Return the bake that covers the most scenes.
 
-    Among bakes with equally many scenes, return the bake with the best average PSNR.
+    If several bakes cover equally many scenes, return the bake with the best average PSNR.
 
     If `kept` is true, only bakes that keep all triangles are compared, otherwise only bakes with new
     triangles.

@@ -46,12 +46,12 @@ _MAX_PICTURE = 1 << 20
 # Date of every archive member: the earliest date that ZIP can store.
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _MEMBER = re.compile(r"submission\.json|records/\d{5}\.json|pictures/\d{4}\.jpg")
-# Fields with this mark are published unchanged.
+# Mark for fields that are published unchanged.
 _KEEP = object()
 
 
 def _keep(*names: str) -> dict[str, Any]:
-    """Return fields that are published unchanged."""
+    """Return rules that publish fields unchanged."""
     return dict.fromkeys(names, _KEEP)
 
 
@@ -72,11 +72,11 @@ _LOOK = _keep("psnr", "same") | {"why": WITHHELD}
 
 
 def _list_published_fields() -> dict[str, Any]:
-    """Return the published fields of a record, by the name of the field.
+    """Return the rules for publishing the fields of a record. The keys are the names of the fields.
 
     The rule for a field is a nested mapping, `_KEEP`, or a constant.
 
-    If a field has a constant, every value except None is replaced by the constant.
+    If the rule of a field is a constant, every value except None is replaced by the constant.
     """
     metrics = dict.fromkeys(IMAGE_METRICS, _KEEP)
     image = {**_keep("name", "width", "height", "psnr_infinite", "sha256"), "file": WITHHELD, "gt": WITHHELD}
@@ -205,7 +205,8 @@ def write_submission(
         The name of the submitter.
     records : sequence of Result
     pictures : sequence of (SubmittedImage, bytes)
-        JPEG images; only the first `MOST_PICTURES` are used. The file names of the images are assigned here.
+        JPEG images; only the first `MOST_PICTURES` are used. The file names of the images are assigned in
+        this function.
     """
     ordered = sorted(records, key=lambda record: record.cell.names)
     fields = _list_published_fields()
@@ -256,9 +257,10 @@ def _make_commands(records: Sequence[Result]) -> Iterator[str]:
 
 
 def make_archive(members: Mapping[str, bytes]) -> bytes:
-    """Return a ZIP archive of members, given as content by name.
+    """Return a ZIP archive. `members` maps the name of each member to its content.
 
-    Return a ZIP archive of members, given as content by name. The bytes depend only on the members.
+    Return a ZIP archive. `members` maps the name of each member to its content. The bytes depend only on the
+    members.
     """
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
@@ -304,7 +306,8 @@ def read_submission(path: Path) -> Submission:
     ------
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE. RECORD_INVALID if the file is not an archive in the format of
-        `write_submission`. A missing, unlisted, too large, invalid or changed member is the same error.
+        `write_submission`. All faults of a member raise the same error: missing, unlisted, too large, invalid
+        or changed.
     """
     data = map_file(path, _MAX_FILE + 1)
     if len(data) > _MAX_FILE:

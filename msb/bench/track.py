@@ -60,7 +60,7 @@ class Track(Record):
 
 
 class TrainingLog(Record):
-    """The file `training.json` of our trainer (docs/training.md). Other keys of the file are ignored."""
+    """The file `training.json` of our trainer (docs/training.md). All other keys of the file are ignored."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -86,7 +86,7 @@ def read_track(path: Path) -> Track:
 def make_renderer_timing(record: Track, frames: int) -> RendererTiming:
     """Return the timing of a renderer whose command drew `frames` images.
 
-    The command's time is an upper bound.
+    The timing of the whole command is an upper bound for the rendering time.
     """
     device = ", ".join(gpu.name for gpu in record.gpus) or str(record.machine.get("host", "unknown"))
     return RendererTiming(
@@ -183,7 +183,7 @@ class _MemoryMonitor(threading.Thread):
 def _forward_signals() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
     """Forward signals to a child process. Pass the child process to the yielded function.
 
-    A signal that arrives before the child process is known is forwarded later. If this process ignores a
+    If a signal arrives before the child process is known, it is forwarded later. If this process ignores a
     signal, for example under nohup, the child process ignores it too.
     """
     children: list[subprocess.Popen[bytes]] = []
@@ -196,7 +196,7 @@ def _forward_signals() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
     def forward(number: int, _frame: object) -> None:
         if not children:
             early.append(number)
-        # The terminal sends Ctrl-C to all processes of the foreground group, including the child process.
+        # Ctrl-C in a terminal reaches all processes of the foreground group, including the child process.
         elif number != signal.SIGINT or not _is_in_foreground():
             send(number)
 

@@ -1,4 +1,4 @@
-"""Validate JSON and TOML files against pydantic models. An invalid file gives one clear error line."""
+"""Validate JSON and TOML files against pydantic models. An invalid file gives a single clear error line."""
 
 import difflib
 import json
@@ -58,7 +58,7 @@ def parse_json(data: bytes, max_bytes: int, *, file: object) -> Any:
 def validate(model: type[ModelType], data: Any, *, file: object, code: str) -> ModelType:
     """Return parsed JSON or TOML as a `model`.
 
-    Raise an InputError with `code` if the data of `file` is invalid.
+    If the data of `file` is invalid, raise an InputError with `code`.
 
     The error names the place of the first mistake as a JSON pointer, and the number of further mistakes.
     """
@@ -105,7 +105,7 @@ def _describe_unknown_key(model: type[BaseModel], place: tuple[str | int, ...]) 
 def _list_keys(model: type[BaseModel], place: tuple[str | int, ...]) -> list[str]:
     """Return the keys that `model` allows at the location `place`.
 
-    If several models are possible at `place`, the list is empty.
+    If several models are possible at `place`, the function returns an empty list.
     """
     current: Any = model
     for name in place:
@@ -119,7 +119,7 @@ def _list_keys(model: type[BaseModel], place: tuple[str | int, ...]) -> list[str
 
 
 def _find_models(annotation: Any) -> list[type[BaseModel]]:
-    """Return all models in a type annotation. For list[A] | None, return A."""
+    """Return all models in a type annotation. For the annotation `list[A] | None`, return A."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for part in get_args(annotation) for model in _find_models(part)]

@@ -1,6 +1,6 @@
-"""Write films with the conditions of a method side by side.
+"""Write videos that show the conditions of a method side by side.
 
-Write grids of such films for all methods of a scene.
+Also write grids that show the videos of all methods of a scene.
 """
 
 from __future__ import annotations
@@ -37,24 +37,24 @@ if TYPE_CHECKING:
 
 SCHEMA = "msb.video/1"
 PHOTOGRAPH = "photograph"
-# Ratio of title height to image height.
+# Ratio of the title's height to the image's height.
 _TITLE_HEIGHT = 1 / 20
-# Minimum height of a film in pixels. Smaller images are enlarged by a whole factor.
+# Minimum height of a video in pixels. Smaller images are enlarged by an integer factor.
 _MIN_HEIGHT = 240
-# Maximum size in bytes of the JSON file beside a film.
+# Maximum size in bytes of the JSON file beside a video.
 _MAX_BYTES = 1 << 16
 
 
 @dataclass(frozen=True)
 class FilmTask:
-    """A task for a worker: one film of a method on a scene, or a grid of all methods of a scene."""
+    """A task for a worker process: write the video of a method on a scene, or the grid of a scene."""
 
-    # Dataset and scene of the film. For the film of one method, the names also include the model.
+    # Dataset and scene of the video. For the video of one method, `names` also includes the model.
     names: tuple[str, ...]
-    # The jobs in display order: the conditions of a film, or the methods of a grid.
+    # The benchmark jobs in display order. The jobs are the conditions of one video, or the methods of a grid.
     jobs: tuple[Job, ...]
     options: VideosTable
-    # The hash of all inputs of the film.
+    # The hash of all inputs of the video.
     inputs: str
 
     @property
@@ -64,23 +64,23 @@ class FilmTask:
 
     @property
     def path(self) -> Path:
-        """The path of the film."""
+        """The path of the video."""
         return Results(self.jobs[0].root).video(*self.names)
 
     @property
     def is_done(self) -> bool:
-        """Whether the film exists with unchanged inputs."""
+        """Whether the video exists and was made from the current inputs."""
         return _read_description(self.path).get("inputs") == self.inputs
 
 
 def plan_videos(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
-    """Return the films of finished cells to write: missing or outdated films.
+    """Return the missing or outdated videos of finished benchmark cells.
 
-    A flight shows only conditions that our renderers can draw. Official renderings and photographs exist only
-    at the test views.
+    A video along the path "flight" shows only conditions that our renderers can draw. Official renderings and
+    photographs exist only at the test views.
     """
-    # Collect the jobs of the conditions that a film shows. The keys of the dictionary are dataset, scene and
-    # model.
+    # Collect the benchmark jobs for each video, one job per renderer condition. The keys of the dictionary
+    # are dataset, scene and model.
     groups: dict[tuple[str, ...], list[Job]] = {}
     for job in jobs:
         is_rendered = job.cell.condition in ("dedicated", "standard")
@@ -103,7 +103,7 @@ def plan_videos(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
 
 
 def plan_grids(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
-    """Return the grids to write: one grid for each scene with films of at least two methods."""
+    """Return the grids to write: one grid for each scene with videos of at least two methods."""
     # For each scene, collect the first job of each model.
     scenes: dict[tuple[str, str], dict[str, Job]] = {}
     for job in jobs:
@@ -121,14 +121,14 @@ def plan_grids(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
 
 
 def _get_film_path(job: Job) -> Path:
-    """Return the path of a film. The film shows the model of a job in its scene."""
+    """Return the path of a video. The video shows the model of a benchmark job in its scene."""
     return Results(job.root).video(*job.cell.names[:3])
 
 
 def _read_description(film: Path) -> dict[str, Any]:
-    """Return the content of the JSON file beside a film.
+    """Return the content of the JSON file beside a video.
 
-    If the film or the JSON file is missing, the content is empty.
+    If the video or the JSON file is missing, the content is empty.
     """
     with contextlib.suppress(MsbError):
         description = read_json(film.with_suffix(".json"), _MAX_BYTES)
@@ -138,7 +138,7 @@ def _read_description(film: Path) -> dict[str, Any]:
 
 
 def write_video(task: FilmTask) -> None:
-    """Render and write the film of a method, and a JSON file that describes it."""
+    """Render and write the video of a method, and a JSON file that describes the video."""
     first = task.jobs[0]
     check_run(first.root, first.run)
     scene = read_planned_scene(first.scene, first.views)
@@ -155,9 +155,10 @@ def write_video(task: FilmTask) -> None:
 
 
 def write_grid(task: FilmTask) -> None:
-    """Write a film that stacks the films of all methods of a scene, and its description.
+    """Write a video that stacks the videos of all methods of a scene, and a JSON file that describes the
+    video.
 
-    Methods are rows of the film, and conditions are columns.
+    Each row of the video shows a method, and each column a condition.
     """
     check_run(task.jobs[0].root, task.jobs[0].run)
     films, models = [_get_film_path(job) for job in task.jobs], [job.cell.model_name for job in task.jobs]
@@ -198,7 +199,7 @@ def _find_unsupported_titles(job: Job) -> set[str]:
 
 
 def _read_panels(film: Path, titles: Sequence[str]) -> Iterator[dict[str, NDArray[np.uint8]]]:
-    """For each frame of a method's film, yield the image of each condition by its title."""
+    """For each frame of a method's video, yield a mapping from the title of each condition to the image."""
     for pixels in read_film(film):
         width = pixels.shape[1] // len(titles)
         yield {title: pixels[:, n * width : (n + 1) * width] for n, title in enumerate(titles)}
@@ -212,14 +213,14 @@ def _draw_grid(
 ) -> NDArray[np.float32]:
     """Return one frame of a grid, (H, W, 3) with values from 0 to 1.
 
-    `rows` holds the images of each method, by the title of the condition. List the titles of all conditions
-    in `columns`, and the titles of the methods in `titles`. For each method, list its unsupported conditions
-    in `absent`.
+    For each method, `rows` maps the title of a condition to the image. `columns` lists the titles of all
+    conditions. `titles` lists the titles of the methods. `absent` lists the unsupported conditions of each
+    method.
     """
     from PIL import Image
 
-    # All panels are scaled to the size of the largest panel. A missing panel is black. The text in the panel
-    # states whether the method supports the condition.
+    # All panels are scaled to the size of the largest panel. A missing panel is black. The text in a black
+    # panel states whether the method supports the condition.
     width, height = (max(panel.shape[axis] for row in rows for panel in row.values()) for axis in (1, 0))
     picture = Image.new("RGB", (width * len(columns), height * len(rows)))
     for y, (row, name, unsupported) in enumerate(zip(rows, titles, absent, strict=True)):
@@ -234,7 +235,7 @@ def _draw_grid(
 
 
 def _write_description(task: FilmTask, **axes: list[str]) -> None:
-    """Write the JSON file beside a film. `axes` lists the columns and rows of the film."""
+    """Write the JSON file beside a video. `axes` lists the columns and rows of the video."""
     description = {"schema": SCHEMA, "inputs": task.inputs, **axes, **task.options.model_dump()}
     with new_file(task.path.with_suffix(".json")) as file:
         file.write(json.dumps(description, indent=1).encode() + b"\n")
@@ -246,14 +247,14 @@ def _render_flight(
     background: tuple[float, float, float],
     stack: contextlib.ExitStack,
 ) -> Iterator[list[NDArray[Any]]]:
-    """Yield the images of all conditions for each camera of a flight."""
+    """For each camera of a smooth camera path, yield the images of all conditions."""
     renderers = [stack.enter_context(open_renderer(job)) for job in task.jobs]
     for camera in cameras:
         yield [to_bytes(renderer.render(camera, background).image) for renderer in renderers]
 
 
 def _read_test_frames(task: FilmTask, names: Sequence[str]) -> Iterator[list[NDArray[Any]]]:
-    """Yield the stored images of the test views. Each image is repeated for the same number of frames."""
+    """Yield the stored images of the test views. Every image is repeated for the same number of frames."""
     folders = [task.jobs[0].photographs, *(job.folder / "images" for job in task.jobs)]
     last, row = None, []
     for frame in range(task.options.frames):
@@ -264,7 +265,8 @@ def _read_test_frames(task: FilmTask, names: Sequence[str]) -> Iterator[list[NDA
 
 
 def label_images(images: Sequence[NDArray[Any]], titles: Sequence[str]) -> NDArray[np.float32]:
-    """Return images of equal size, (H, W, 3) uint8, side by side with a title in the corner of each.
+    """Return images of equal size, (H, W, 3) uint8, side by side. A title is drawn in the corner of each
+    image.
 
     The result has values from 0 to 1.
     """
@@ -280,7 +282,10 @@ def label_images(images: Sequence[NDArray[Any]], titles: Sequence[str]) -> NDArr
 
 
 def _draw_title(picture: Image, title: str, corner: tuple[int, int], height: int) -> None:
-    """Draw a title with its top left at `corner`. The font size suits a panel of `height` pixels."""
+    """Draw a title with its top left at `corner`.
+
+    The font size depends on `height`, the height of a panel in pixels.
+    """
     from PIL import ImageDraw, ImageFont
 
     size = round(height * _TITLE_HEIGHT)

@@ -1,4 +1,4 @@
-"""The part "walk" of a cell: flicker and holes on a camera path away from the captured views."""
+"""The part "walk" of a benchmark cell: flicker and holes on a camera path away from the captured views."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene
 
-# Number of frames that supply surface points, evenly spread over the walk. A pixel is a hole if its frame
-# shows background in place of a surface point of another frame.
+# Number of frames that supply surface points. These frames are evenly spread over the camera path. A pixel is
+# a hole if its frame shows background in place of a surface point of another frame.
 _SURFACE_FRAMES = 8
-# Brightness factor for the changes shown in the film, which would be invisible without it.
+# Brightness factor for the changes in the video, which would be invisible without this factor.
 _CHANGE_GAIN = 16
 
 
 class _FrameChange(NamedTuple):
-    """The measurements of one frame, compared with the previous and the next frame."""
+    """The changes in one frame, compared with the previous and the next frame."""
 
-    # Sum of the squared changes in squared levels, and the number of compared pixels.
+    # Sum of the squared changes of pixel values in squared levels, and the number of compared pixels.
     squares: float
     counted: int
-    # Numbers of pixels in holes, and of pixels that show the model or a hole.
+    # The number of pixels in holes, and the number of pixels that show the model or a hole.
     holes: int
     visible: int
     # The image and its magnified changes, both (H, W, 3) uint8.
@@ -57,15 +57,16 @@ class _FrameChange(NamedTuple):
 
 
 def plan_walk(scene: Scene, table: WalkTable) -> list[Camera]:
-    """Return the cameras of a scene's walk: a path near the test views, but away from all captured views."""
+    """Return the cameras of a path (walk) near the test views, but away from all captured views."""
     views = (*scene.train, *scene.test)
     return make_walk(scene.test, views, table.frames, table.reach, table.size)
 
 
 def measure_walk(job: Job) -> dict[str, Any]:
-    """Return flicker and holes of a cell on the walk.
+    """Return flicker and holes of a benchmark cell on its camera path.
 
-    With the extra `video`, a film of the second with the most flicker is written to the folder of the cell.
+    With the extra `video`, a video of the second with the most flicker is written to the folder of the
+    benchmark cell.
     """
     assert job.walk is not None
     start = time.perf_counter()
@@ -73,7 +74,7 @@ def measure_walk(job: Job) -> dict[str, Any]:
     cameras = plan_walk(scene, job.walk)
     squares, counted, missing, visible = 0.0, 0, 0, 0
     worst, worst_frame, film = 0.0, 0, list[_FrameChange]()
-    # The frames of the most recent second. The film shows the second with the most flicker.
+    # The frames of the second before the current frame. The video shows the second with the most flicker.
     recent: deque[_FrameChange] = deque(maxlen=min(PACE, len(cameras) - 2))
     with open_renderer(job) as renderer:
         for number, change in enumerate(_measure_frames(renderer, cameras, scene)):
@@ -112,8 +113,9 @@ def _compute_flicker(changes: Iterable[_FrameChange]) -> float:
 
 
 def _measure_frames(renderer: Renderer, cameras: Sequence[Camera], scene: Scene) -> Iterator[_FrameChange]:
-    """Yield the measurements of every frame of a walk except the first and the last frame."""
-    # Compute surface points of a few frames. Points that show background in another frame are holes.
+    """Yield the measurements of every frame of a camera path except the first and the last frame."""
+    # Compute surface points of a few frames. If a surface point shows background in another frame, the pixel
+    # is a hole.
     spread = [cameras[k * len(cameras) // _SURFACE_FRAMES] for k in range(min(_SURFACE_FRAMES, len(cameras)))]
     points = np.concatenate(
         [find_surface_points(frame) for frame, _ in _render_stills(renderer, spread, scene)]
@@ -138,7 +140,7 @@ def _measure_frames(renderer: Renderer, cameras: Sequence[Camera], scene: Scene)
 def _render_stills(
     renderer: Renderer, cameras: Sequence[Camera], scene: Scene
 ) -> Iterator[tuple[PreparedFrame, NDArray[np.uint8]]]:
-    """Yield each frame with its depth and with its image as (H, W, 3) uint8."""
+    """Yield the image of each frame, (H, W, 3) uint8, with the depth of the frame."""
     for camera in cameras:
         frame = renderer.render(camera, scene.background)
         yield prepare_frame(camera, frame.image, frame.alpha, frame.depth), to_bytes(frame.image)

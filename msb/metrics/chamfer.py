@@ -12,12 +12,13 @@ from msb.metrics.dtu_data import DtuScan, read_dtu_scan
 from msb.metrics.identity import Definition
 from msb.metrics.sampling import mesh_arrays, sample_surface, thin
 
-# Spacing of the samples, and radius of the thinning, in mm, as in the benchmark.
+# Spacing of the samples and radius of the thinning in mm, as in the benchmark.
 DENSITY = 0.2
-# Points within this margin around the bounding box are also measured. Margin in mm at the lower corner. The
+# Points within this margin of the bounding box are also measured. Margin in mm at the lower corner. The
 # margin at the upper corner is twice as wide, as in the official code.
 PATCH = 60.0
-# Distances of this many mm or more are excluded from the averages. Distances are not clipped to the limit.
+# Distances of this many mm or more are excluded from the averages. Distances above the limit are excluded
+# from the averages. Large distances are not clipped.
 MAX_DISTANCE = 20.0
 # Number of query points per batch of the neighbour search.
 _QUERIES = 1 << 20
@@ -41,7 +42,7 @@ def chamfer_dtu(
     dataset_dir : path-like
         The folder that holds Points/stl and ObsMask; see `read_dtu_scan`.
     scan : int
-        The number in the file names.
+        The scan number in the file names.
     seed : int
         The seed of the shuffle before thinning: `numpy.random.default_rng(seed).shuffle(points, axis=0)`.
     max_distance : float
@@ -51,8 +52,8 @@ def chamfer_dtu(
     -------
     dict
         In mm: "mean_d2s" (mesh to scan: accuracy), "mean_s2d" (scan to mesh: completeness) and their average
-        "overall". A value that cannot be computed is None, and "reason" explains why. Further keys: "scan",
-        "seed", "identity", and the number of points at each stage ("n_...").
+        "overall". A value that cannot be computed is None, and "reason" explains why. Further keys are
+        "scan", "seed", "identity", and the number of points at each stage ("n_...").
 
     Raises
     ------
@@ -95,14 +96,14 @@ def chamfer_surface(
 
 
 def chamfer_points(points: ArrayLike, data: DtuScan, *, max_distance: float = MAX_DISTANCE) -> dict[str, Any]:
-    """Return the distances in mm between thinned points (N, 3) and a scan.
+    """Return the distances in mm between a scan and thinned points (N, 3).
 
     The result has the keys of `chamfer_dtu` that do not need a mesh.
     """
     cloud, _ = mesh_arrays(points, ())
     low, high = data.box[:1] - np.float32(PATCH), data.box[1:] + np.float32(2 * PATCH)
-    # Select the points within the margins of the box, the points in observed voxels, and the scan points
-    # above the table.
+    # Select the points within the margins of the box and the points in observed voxels. Also select the scan
+    # points above the table.
     inside = cloud[((cloud >= low) & (cloud < high)).all(axis=1)]
     voxel = np.around((inside - data.box[:1]) / data.resolution)
     in_grid = ((voxel >= 0) & (voxel < data.observed.shape)).all(axis=1)
@@ -135,7 +136,7 @@ def chamfer_points(points: ArrayLike, data: DtuScan, *, max_distance: float = MA
 def _measure_distances(
     queries: NDArray[np.float64], targets: NDArray[np.float64], limit: float
 ) -> NDArray[np.float64]:
-    """Return the distance of each query to its nearest target, omitting distances of `limit` or more."""
+    """For each query, return the distance to the nearest target. Distances of `limit` or more are omitted."""
     from scipy.spatial import cKDTree
 
     if not len(queries) or not len(targets):
@@ -143,7 +144,7 @@ def _measure_distances(
     tree = cKDTree(targets)
     parts = []
     for start in range(0, len(queries), _QUERIES):
-        # The upper bound shortens the search for distant queries.
+        # An upper bound makes the search faster for distant queries.
         nearest, _ = tree.query(queries[start : start + _QUERIES], distance_upper_bound=limit, workers=-1)
         parts.append(nearest[nearest < limit])
     return np.concatenate(parts)

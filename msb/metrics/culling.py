@@ -15,12 +15,12 @@ DILATION = 24
 
 @dataclass(frozen=True, eq=False)
 class CulledMesh:
-    """The part of a mesh that culling keeps."""
+    """The part of a mesh that remains after culling."""
 
     # Vertices (V', 3) in DTU's millimetres. Kept vertices without faces are included, because they are
     # samples.
     vertices: NDArray[np.float64]
-    # Faces (F', 3) with three kept vertices, in the old order.
+    # Faces (F', 3) whose three vertices were kept, in the old order.
     faces: NDArray[np.int64]
     # Mask (V,) of the old vertices that were kept.
     kept: NDArray[np.bool_]
@@ -38,15 +38,14 @@ def cull_dtu(
     """Return the part of a mesh that lies in the dilated masks of all views, in DTU's world.
 
     A view keeps two kinds of vertices: vertices that project outside the image, and vertices whose nearest
-    pixel is in the mask dilated by `dilation` pixels. A vertex is kept if no view removes it. Depth is not
-    tested, as in the official code: a vertex behind a camera is tested at its mirrored projection.
+    pixel is in the mask dilated by `dilation` pixels. A vertex is kept only if all views keep it. Depth is
+    not tested, as in the official code. A vertex behind a camera is tested at its mirrored projection.
 
     The vertices (V, 3) are in the normalised frame of cameras.npz, like the COLMAP model and the trained
-    asset. A kept vertex x is transformed to scale_mat_0[0, 0] x + scale_mat_0[:3, 3], in millimetres.
-    `world_mats` and `scale_mats` are the matrices world_mat_i and scale_mat_i (4, 4) of cameras.npz, one per
-    view; world @ scale projects to pixels. Masks (H, W) or (H, W, C) have full size, 1600 x 1200. Values
-    above 0 in the first channel mark the object. To save memory, pass a generator that reads one mask at a
-    time.
+    asset. A kept vertex x becomes scale_mat_0[0, 0] x + scale_mat_0[:3, 3], in millimetres. `world_mats` and
+    `scale_mats` are the matrices world_mat_i and scale_mat_i (4, 4) of cameras.npz, one per view; world @
+    scale projects to pixels. Masks (H, W) or (H, W, C) have full size, 1600 x 1200. Values above 0 in the
+    first channel mark the object. To save memory, pass a generator that reads one mask at a time.
 
     Source: `hbb1/2d-gaussian-splatting`: scripts/eval_dtu/evaluate_single_scene.py (`cull_scan`).
     """

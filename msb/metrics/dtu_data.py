@@ -14,11 +14,11 @@ from msb.errors import InputError, MetricError
 from msb.meshes import read_mesh
 from msb.metrics.matlab import find_variables
 
-# Maximum number of voxels. All published scans have fewer voxels. A larger number could exhaust the memory,
-# because zeros are compressed a thousandfold.
+# Maximum number of voxels. All published scans have fewer voxels. Zeros are compressed a thousandfold.
+# Therefore a small file can declare an array that exhausts the memory.
 _MAX_VOXELS = 1 << 29
-# Largest absolute value in a file. Values of real scans are far smaller. Computations with values up to this
-# limit do not overflow.
+# Largest absolute value in a file. The values of real scans are far smaller. Computations with values up to
+# this limit do not overflow.
 _LARGEST = 1e30
 _SHAPES = {"BB": (2, 3), "Res": (1, 1), "P": (4, 1)}
 

@@ -48,7 +48,7 @@ def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
     Photographs without a mask are resized as 8-bit images, bit for bit like the 3DGS family
     (`graphdeco-inria/gaussian-splatting`: utils/general_utils.py, PILtoTorch). "before_resize": the mask is
     applied to floats at the stored size, and the result is resized. "after_resize": colours and mask are
-    resized separately as 8-bit images, then I = rgb a + background (1 - a).
+    resized separately as 8-bit images. The result is rgb a + background (1 - a), where a is the mask.
     """
     if camera.image_path is None:
         raise ValueError("the camera has no image_path; use a camera of a scene")
@@ -108,8 +108,8 @@ _TURNS: dict[int, Callable[[NDArray[np.uint8]], NDArray[np.uint8]]] = {
 def read_photograph_mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """Return the mask (H, W, 1) of a view, rotated and undistorted like its photograph of (H, W) = `shape`.
 
-    The mask is the first channel of the file. A view without a mask is opaque. In captures outside the
-    benchmark, a mask of another size is resized.
+    The mask is the first channel of the file. A view without a mask is treated as opaque. In captures outside
+    the benchmark, a mask of another size is resized.
     """
     path = scene.masks.get(str(camera.name))
     if path is None:

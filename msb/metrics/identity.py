@@ -14,7 +14,7 @@ from msb.errors import Finding
 # An image (H, W, 3) in [0, 1].
 Pixels = NDArray[np.float64]
 
-# Rounding rule for the floats of both images, used by every image metric. Bytes are not rounded.
+# Rounding rule for the floats of both images, used by every image metric. Images of bytes are not rounded.
 INPUT_RULE = "clamp to [0, 1], floor(255 x + 0.5) / 255"
 
 
@@ -42,7 +42,7 @@ class Identity:
 
 
 def defined(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the part of an identity that defines the metric, without the versions of libraries."""
+    """Return the part of an identity that defines the metric. Versions of libraries are omitted."""
     return {key: value for key, value in identity.items() if key != "libraries"}
 
 
@@ -123,7 +123,7 @@ class ImageMetric(Definition):
         quantize: bool | str | float | None = True,
         **chosen: str | float | bool | None,
     ) -> Identity:
-        """Return the identity of a value (see `Definition`).
+        """Return the identity of a value (class `Definition`).
 
         Set `quantize` if floats are rounded to 8 bits.
         """

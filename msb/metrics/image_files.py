@@ -29,12 +29,12 @@ _PNG_HEAD = 26
 
 
 def read_image(path: str | os.PathLike[str], *, background: Color | None = None) -> NDArray[Any]:
-    """Return an image (H, W, 3) from a file: the bytes of a PNG or JPEG, the floats of a .npy or .exr.
+    """Return an image (H, W, 3) from a file. PNG and JPEG give bytes, and .npy and .exr give floats.
 
     The suffix determines the format. PNG and JPEG have 8-bit RGB, and PNG optionally has alpha. NPY contains
     (H, W, 3) uint8 or float. EXR has the channels R, G, B. Orientation, gamma and colour profiles are
     ignored. Partly transparent pixels become rgb a + background (1 - a), with values in [0, 1], in float64
-    without rounding. An image with alpha 255 everywhere needs no background.
+    without rounding. If alpha is 255 everywhere, no background is needed.
     """
     place = regular_file(path)
     suffix = place.suffix.lower()
@@ -91,7 +91,7 @@ def _decode(path: Path, modes: tuple[str, ...]) -> NDArray[np.uint8]:
 
     _check_png_kind(path)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # `_check_size` checks the size
+        warnings.simplefilter("ignore")  # `_check_size` has already checked the size
         image = Image.open(path, formats=image_formats())
     with image:
         _check_size(path, *image.size)
@@ -114,7 +114,7 @@ def _composite(path: Path, pixels: NDArray[np.uint8], background: Color | None) 
         share = np.count_nonzero(alpha != 255) / alpha.size
         text = f"{share:.0%} of the pixels are not opaque, and no background colour was given"
         raise MetricError("METRIC_IMAGE_ALPHA", text, file=path)
-    # Compute in place, one channel at a time, because the floats of the largest image take 1.5 GiB.
+    # Compute in place and one channel at a time. The floats of the largest image need 1.5 GiB of memory.
     image = color / 255.0
     weight = alpha / 255.0
     image *= weight[..., None]

@@ -20,8 +20,7 @@ _WINDOW_RADIUS = 5
 
 def find_max_psnr(pixels: int) -> float:
     """Return the largest PSNR in dB that two different 8-bit images with this number of pixels can have."""
-    # Pixel values are bytes / 255. The smallest difference is one step of 1/255 in a single channel of one
-    # pixel.
+    # Pixel values are bytes / 255. The smallest difference is 1/255 in a single channel of one pixel.
     return 10 * math.log10(255**2 * 3 * pixels)
 
 
@@ -33,14 +32,14 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
     pred, gt : (H, W, 3) uint8 or float
         RGB images of equal size. Floats are clamped to [0, 1]; bytes are divided by 255.
     quantize : bool
-        Whether floats are first rounded to 8 bits by floor(255 x + 0.5), like the files behind published
-        numbers. The benchmark rounds images to 8 bits.
+        Whether floats are first rounded to 8 bits by floor(255 x + 0.5). Files behind published numbers are
+        rounded in this way. The benchmark rounds images to 8 bits.
 
     Returns
     -------
     float
-        The PSNR in dB; inf for equal images. The mean squared error is over all pixels and channels, in
-        float64.
+        The PSNR in dB; inf for equal images. The mean squared error is computed over all pixels and channels,
+        in float64.
 
     Raises
     ------
@@ -49,7 +48,7 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
 
     Notes
     -----
-    The training log of the 3DGS family has a different quantity, the average of three PSNRs, one per channel
+    The training log of the 3DGS family has a different quantity: the average of three PSNRs, one per channel
     (`graphdeco-inria/gaussian-splatting`: utils/image_utils.py, called with channels first).
 
     Examples
@@ -65,8 +64,8 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
 def psnr_of_mse(mse: float) -> float:
     """Return the PSNR in dB of a mean squared error of values in [0, 1]; inf if the error is 0.
 
-    For bytes, divide the mean squared error by 255^2 before the call. Callers decide how to print or average
-    an infinite PSNR: as `PSNR_CAP`, as None or as "equal".
+    If the images are bytes, divide the mean squared error by 255^2 before the call. Callers decide how to
+    print or average an infinite PSNR: as `PSNR_CAP`, as None or as "equal".
     """
     return math.inf if mse == 0 else -10 * math.log10(mse)
 

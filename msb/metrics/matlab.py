@@ -30,7 +30,7 @@ _ENDS = "the file ends within a variable"
 
 @dataclass(frozen=True)
 class Variable:
-    """An array in a MATLAB file. The values are not read yet."""
+    """An array in a MATLAB file. The values of the array are not read yet."""
 
     name: str
     # Values as stored, without a check.
@@ -84,7 +84,7 @@ def find_variables(data: bytes) -> dict[str, Variable]:
 
 def _describe(body: memoryview, compressed: bool, order: str) -> Variable:
     head = _unpack(body, compressed, _HEAD)
-    at = 8 if compressed else 0  # for compressed data, skip the tag of the matrix
+    at = 8 if compressed else 0  # if the data are compressed, skip the tag of the matrix
     _, start, _, at = _read_element(head, at, order)
     flags = _read_numbers(head, start, 1, order)[0]
     _, start, size, at = _read_element(head, at, order)
@@ -96,9 +96,12 @@ def _describe(body: memoryview, compressed: bool, order: str) -> Variable:
 
 
 def _read_element(data: bytes | memoryview, at: int, order: str) -> tuple[int, int, int, int]:
-    """Return type, start and length of the element at `at`, and the position of the next element."""
+    """Return type, start and length of the element at the position `at`.
+
+    Also return the position of the next element.
+    """
     word = _read_numbers(data, at, 1, order, "I")[0]
-    if word >> 16:  # small format: the upper half of the word is the length, and the data follow immediately
+    if word >> 16:  # small format: the upper half of the word is the length, and the data follow directly
         return word & 0xFFFF, at + 4, word >> 16, at + 8
     size = _read_numbers(data, at + 4, 1, order, "I")[0]
     return word, at + 8, size, at + 8 + size + -size % 8
@@ -113,5 +116,5 @@ def _read_numbers(
 
 
 def _unpack(body: memoryview, compressed: bool, most: int) -> bytes | memoryview:
-    """Return the first `most` bytes of a variable, decompressed if necessary."""
+    """Return the first `most` bytes of a variable. If necessary, decompress them."""
     return zlib.decompressobj().decompress(body, most) if compressed else body[:most]

@@ -10,7 +10,7 @@ from msb.base.paths import given_path, normal_form
 from msb.errors import InputError, MetricError, shorten
 from msb.metrics.image_files import IMAGE_SUFFIXES
 
-# Number of names that an error message lists. Further names are counted.
+# Number of names that an error message lists. If there are more names, only their number is given.
 _NAMED = 5
 _PLANES = tuple(f"{kind}{suffix}" for kind in ("_depth", "_ids") for suffix in (".npy", ".exr"))
 
@@ -18,7 +18,7 @@ _PLANES = tuple(f"{kind}{suffix}" for kind in ("_depth", "_ids") for suffix in (
 class ImagePair(NamedTuple):
     """Two image files to compare."""
 
-    # Path of the image relative to the folder, with forward slashes, without suffix, in composed Unicode
+    # Path of the image relative to the folder, with forward slashes and without suffix, in composed Unicode
     # (NFC).
     name: str
     pred: Path
@@ -30,9 +30,9 @@ def pair_images(
 ) -> list[ImagePair]:
     """Return pairs of images from two folders and their subfolders, or from two files, sorted by name.
 
-    Names are compared in composed Unicode (NFC), without suffix. The suffix must be one of `IMAGE_SUFFIXES`.
-    Hidden files are ignored. The depth and face id images of `msb render` are ignored too. With `subset`, the
-    folder `gt` may contain further images, such as training views.
+    Names are compared in composed Unicode (NFC), without suffix. The suffix of an image must be one of
+    `IMAGE_SUFFIXES`. Hidden files are ignored. The depth and face id images of `msb render` are ignored too.
+    If `subset` is true, the folder `gt` may contain further images, such as training views.
     """
     pred, gt = given_path(pred), given_path(gt)
     folders = [_is_folder(path) for path in (pred, gt)]
@@ -66,7 +66,10 @@ def _is_folder(path: Path) -> bool:
 
 
 def images_below(folder: Path) -> dict[str, Path]:
-    """Return the image files in `folder` and its subfolders, by the names that `pair_images` compares."""
+    """Return the image files in `folder` and its subfolders.
+
+    The keys are the names that `pair_images` compares.
+    """
 
     def reject(error: OSError) -> None:
         text = f"the folder cannot be read: {error.strerror}"

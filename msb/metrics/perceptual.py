@@ -1,6 +1,6 @@
 """LPIPS of images mapped to [-1, 1], with VGG16 weights from the user.
 
-Torch is imported on first use.
+Torch is imported at its first use.
 
 This module defines the network itself instead of using the network of the lpips package. The lpips package
 downloads a backbone or fills 138 million parameters with random numbers. Importing lpips also needs
@@ -24,11 +24,12 @@ from msb.metrics.identity import Identity, ImageMetric
 from msb.metrics.images import check_pair
 from msb.metrics.vgg import HEADS_SHA256, LAYERS, TAPS, check_extra, read_heads, read_vgg
 
-# Smallest side of an image in pixels, because the network halves the image four times.
+# Smallest side of an image in pixels. The network halves the image four times, so smaller images are
+# impossible.
 MIN_SIDE = 16
 _SHIFT = (-0.030, -0.088, -0.188)
 _SCALE = (0.458, 0.448, 0.450)
-# Convolutions that follow a 2 x 2 max pooling layer.
+# Indices of the convolutions that follow a 2 x 2 max pooling layer.
 _POOLED = {5, 10, 17, 24}
 
 
@@ -39,7 +40,7 @@ class MetricWarning(UserWarning):
 def lpips_vgg(
     pred: ArrayLike, gt: ArrayLike, vgg_weights: str | os.PathLike[str], *, quantize: bool = True
 ) -> float:
-    """Return LPIPS (version 0.1, VGG16, inputs mapped to [-1, 1]) of two images; 0 for equal images.
+    """Return LPIPS (version 0.1, VGG16, inputs mapped to [-1, 1]) of two images. For equal images, it is 0.
 
     The network stays in memory for further calls with the same weight file. Use `LpipsVgg` to load and
     release the network explicitly.
@@ -118,7 +119,7 @@ class LpipsVgg:
         self._heads = [torch.from_numpy(head) for head in heads]
 
     def identity(self, *, quantize: bool = True) -> Identity:
-        """Return the data to store beside the values of this network."""
+        """Return the data that are stored beside values of this network."""
         return LPIPS.identity(weights=self.weights, quantize=quantize)
 
     def __call__(self, pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
@@ -135,7 +136,8 @@ class LpipsVgg:
             raise MetricError("METRIC_IMAGE", text)
         terms = []
         with torch.inference_mode():
-            # Pass both images through one layer at a time. Only two feature maps then need memory.
+            # Pass both images through one layer of the network at a time. Therefore only two feature maps are
+            # in memory at a time.
             x, y = (torch.from_numpy(_prepare_input(image)) for image in (a, b))
             heads = iter(self._heads)
             for number, weight, bias in self._layers:
@@ -156,7 +158,7 @@ def _prepare_input(image: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def _measure_distance(x: Any, y: Any, head: Any) -> float:
-    """Return the average over pixels of the weighted squared difference between unit feature vectors."""
+    """Return the weighted squared difference between unit feature vectors, averaged over pixels."""
     x, y = (f / (f.square().sum(1, keepdim=True).sqrt_() + 1e-10) for f in (x, y))
     difference = (x - y).square_()
     return float((difference[0].mean((1, 2)) * head).sum())

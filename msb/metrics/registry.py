@@ -34,7 +34,7 @@ RESERVED = frozenset(
     "boundary_edge_ratio nonmanifold_edge_ratio nonmanifold_vertex_ratio lcc_face_ratio lcc_area_ratio "
     "components".split()
 )
-# Field types that the metric of another package must have.
+# Required types of the fields in another package's metric.
 _FIELDS: dict[str, Any] = {
     "title": str,
     "unit": str,
@@ -49,7 +49,7 @@ _FIELDS: dict[str, Any] = {
 
 @cache
 def _installed() -> Mapping[str, ImageMetric]:
-    """Return all metrics by key."""
+    """Return a mapping from key to metric."""
     places = (place.split(".") for place in BUILT_IN)
     metrics = (getattr(import_module(f"msb.metrics.{module}"), name) for module, name in places)
     ours: dict[str, ImageMetric] = {metric.key: metric for metric in metrics}
@@ -77,7 +77,10 @@ def _load_package_metric(key: str, entry: str) -> ImageMetric:
 
 @dataclass(frozen=True)
 class _PackageMeasure:
-    """The function of a metric from another package. Error messages of the function name the package."""
+    """Return the function of a metric from another package.
+
+    Error messages of the returned function name the package.
+    """
 
     whose: str
     measure: Any
@@ -103,7 +106,7 @@ def _list_by_name() -> dict[str, Definition]:
     return {metric.name: metric for metric in (*IMAGE_METRICS.values(), CHAMFER)}
 
 
-# The better direction of every metric by name: "higher" or "lower".
+# For the name of every metric, the better direction: "higher" or "lower".
 METRICS: Mapping[str, str] = Lazy(lambda: {name: metric.better for name, metric in _list_by_name().items()})
 
 
@@ -144,7 +147,7 @@ class Measures:
     warnings : tuple of Finding
         Warnings about the weights.
     failed : dict of str to str
-        The first error, with its code, of each failed metric from a package, by key.
+        For the key of each failed metric of another package, its first error with the error code.
     """
 
     def __init__(self, vgg_weights: Path | None = None) -> None:
@@ -164,7 +167,8 @@ class Measures:
         self.failed: dict[str, str] = {}
 
     def __call__(self, pred: ArrayLike, gt: ArrayLike) -> dict[str, float | None]:
-        """Return the value of each metric by its key, for two images in the form that `psnr` accepts.
+        """Return a mapping from the key of each metric to its value. The two images have a form that `psnr`
+        accepts.
 
         A metric's value is None if its weights are missing or its package failed.
         """
@@ -186,7 +190,7 @@ def modules_needed() -> tuple[str, ...]:
 
 
 def mean_of(values: Iterable[float | None]) -> float | None:
-    """Return the average of a metric over images; None if a value is missing.
+    """Return the average of a metric over images. If a value is missing, return None.
 
     An infinite PSNR is replaced by `PSNR_CAP`.
     """

@@ -1,6 +1,6 @@
 """Sample points on a mesh at a given spacing, and thin them until no two are close.
 
-Both functions follow eval.py of `jzhangbs/DTUeval-python`, which `hbb1/2d-gaussian-splatting` adapts in
+The two functions follow eval.py of `jzhangbs/DTUeval-python`, which `hbb1/2d-gaussian-splatting` adapts in
 scripts/eval_dtu/eval.py. Unlike eval.py, both functions limit memory and do not loop over faces.
 """
 
@@ -12,15 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import MetricError
 
-# Maximum number of samples of a mesh. A culled DTU scan has about ten million. The limit for sample
+# Maximum number of samples of a mesh. A culled DTU scan has about ten million samples. The limit for sample
 # candidates is twice this number.
 MAX_SAMPLES = 1 << 28
 # Number of sample candidates per batch.
 _CANDIDATES = 1 << 20
 # Number of points in the first window of `thin`.
 _FIRST_WINDOW = 64
-# Maximum number of points in a window of `thin`, and maximum number of all their neighbours. A window with
-# only one point may have more neighbours.
+# Maximum number of points in a window of `thin`. The second number limits all neighbours of these points. If
+# a window has only one point, it may have more neighbours than the limit.
 _WINDOW = 1 << 16
 _NEIGHBORS = 1 << 22
 
@@ -55,9 +55,9 @@ def sample_surface(
     """Return points on the faces, in the order of the faces, and the number of faces with a non-zero area.
 
     The points are about `spacing` apart, in the units of the vertices. A face has the edges e1 = v1 - v0 and
-    e2 = v2 - v0 of lengths l1 and l2. Both edges have n = floor(l / step) steps, where step = spacing sqrt(l1
-    l2 / |e1 x e2|). The points are v0 + c1 e1 + c2 e2 with c = (i + 0.5) / n, wherever c1 + c2 < 1. A face
-    with an edge e1 or e2 shorter than one step gets no points.
+    e2 = v2 - v0 of lengths l1 and l2. The edges e1 and e2 have n = floor(l / step) steps, where step =
+    spacing sqrt(l1 l2 / |e1 x e2|). The points are v0 + c1 e1 + c2 e2 with c = (i + 0.5) / n, for all c1 + c2
+    < 1. A face with an edge e1 or e2 shorter than one step gets no points.
     """
     origin = vertices[faces[:, 0]]
     first, second = vertices[faces[:, 1]] - origin, vertices[faces[:, 2]] - origin
@@ -67,7 +67,7 @@ def sample_surface(
         raise _limit_error(np.inf, spacing)
     proper = double_area > 0
     origin, first, second, double_area = (array[proper] for array in (origin, first, second, double_area))
-    # Number of steps along both edges of each face, and number of grid candidates.
+    # Compute the number of steps along both edges of each face, and the number of grid candidates.
     lengths = np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1)
     step = spacing * np.sqrt(lengths[0] * lengths[1] / double_area)
     steps = [np.floor(length / step) for length in lengths]
@@ -94,11 +94,12 @@ def _limit_error(points: float, spacing: float) -> MetricError:
 def _place_grid_points(
     counts: NDArray[np.int64], candidates: NDArray[np.int64]
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-    """Yield the faces (n,) and positions (n, 2) of the sample points to keep, in batches.
+    """In batches, yield the faces (n,) and positions (n, 2) of the sample points to keep.
 
     A position is the pair (c1, c2).
 
-    Candidates are numbered across all faces. A huge face is therefore split into several batches.
+    Candidates are numbered across all faces. A huge face can exceed a batch, so it is split into several
+    batches.
     """
     ends = np.cumsum(candidates)
     total = int(ends[-1]) if len(ends) else 0
@@ -113,11 +114,12 @@ def _place_grid_points(
 
 
 def thin(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
-    """Thin points (N, 3): for each remaining point in turn, remove all other points within `spacing`.
+    """Return thinned points of the points (N, 3). For each remaining point in turn, remove all other points
+    within `spacing`.
 
-    Shuffle the points before the call, because earlier points are kept first. Points at a distance of exactly
-    `spacing` are removed too. Neighbours are searched for one window of remaining points at a time, to limit
-    memory. Windows start small and grow, because in dense regions the first few points remove most other
+    Shuffle the points before the call, because the first of two close points is kept. Points at a distance of
+    exactly `spacing` are also removed. Neighbours are searched for one window of remaining points at a time.
+    This limits memory. Windows start small and grow. In dense regions, the first few points remove most other
     points.
     """
     from scipy.spatial import cKDTree

@@ -1,8 +1,8 @@
 """Temporal stability of the frames of a camera path: popping, shimmer and holes.
 
-Image content moves as the camera moves. Depths and cameras predict this motion. All other changes are
-measured. Triangles pop when their blending order changes, and an image shimmers if it has too few samples per
-pixel. Full definitions are in docs/protocol.md.
+Image content moves as the camera moves. Depths and cameras predict this motion. Flicker is the change of the
+image that this motion does not explain. Triangles pop when their blending order changes, and an image
+shimmers if it has too few samples per pixel. Full definitions are in docs/protocol.md.
 """
 
 from dataclasses import dataclass
@@ -18,11 +18,12 @@ Mask = NDArray[np.bool_]
 # Standard deviation in pixels of the Gaussian that smooths images before comparison. After smoothing, cubic
 # splines between pixels are accurate to a fraction of 1/255.
 BLUR = 1.5
-# Radius in pixels of the influence of a neighbouring surface on a smoothed pixel.
+# Radius in pixels within which a neighbouring surface affects a smoothed pixel.
 REACH = 3
 # Maximum relative difference between the depths of one surface point in two frames.
 SAME = 0.02
-# A pixel is near a border if a depth within `REACH` pixels differs from its depth by more than this fraction.
+# A pixel is near a border if the depth of a pixel within `REACH` differs from its depth by more than this
+# fraction.
 _FLAT = 0.05
 
 
@@ -68,7 +69,7 @@ def prepare_frame(camera: Camera, image: Floats, alpha: Floats, depth: Floats) -
 
 
 def unexplained_change(before: PreparedFrame, here: PreparedFrame, after: PreparedFrame) -> Floats:
-    """Return each pixel's difference from the average of its surface point in both adjacent frames.
+    """For each pixel, return the difference from the average of its surface point in both adjacent frames.
 
     Returns
     -------
@@ -79,10 +80,10 @@ def unexplained_change(before: PreparedFrame, here: PreparedFrame, after: Prepar
 
     Notes
     -----
-    For a steady change, such as a view-dependent colour, the difference is 0: the frame equals the average of
-    its neighbours. A pixel near a border shows two surfaces that move differently. Each pixel is therefore
-    followed with three depths: its own depth, and the nearest and farthest depth within `REACH`. The result
-    is the smallest difference.
+    For a steady change, such as a view-dependent colour, the difference is 0, because the frame equals the
+    average of its neighbours. A pixel near a border shows two surfaces that move differently. Each pixel is
+    therefore followed with three depths: its own depth, and the nearest and farthest depth within `REACH`.
+    The result is the smallest of the differences.
     """
     inverse, nearest, farthest = here.inverse_depths
     # Find the N pixels within `REACH` of the model, and whether each pixel is near a border between surfaces.
@@ -92,8 +93,8 @@ def unexplained_change(before: PreparedFrame, here: PreparedFrame, after: Prepar
     counted = np.ones(len(rows), bool)
     border = (nearest - farthest > SAME * nearest)[rows, columns]
     for layer, inverse_depths in enumerate((inverse, nearest, farthest)):
-        # Project the pixels into both adjacent frames, with the depths of one of the three surfaces. `same`
-        # marks pixels whose surface is visible in both frames.
+        # Take the depths of one of the three surfaces. Project the pixels with these depths into both
+        # adjacent frames. `same` marks pixels whose surface is visible in both frames.
         same = np.ones(len(rows), bool)
         places = []
         for other in (before, after):
@@ -106,7 +107,8 @@ def unexplained_change(before: PreparedFrame, here: PreparedFrame, after: Prepar
             _sample_colors(other, place[:, followed])
             for other, place in zip((before, after), places, strict=True)
         ]
-        # Compute the difference from the average of both frames. Keep the smallest difference of all layers.
+        # Compute the difference from the average of the two adjacent frames. Keep the smallest difference of
+        # all layers.
         squares = np.square(colors[:, followed] - (both[0] + both[1]) / 2).mean(axis=0)
         least[followed] = np.minimum(least[followed], squares)
     change = np.full(inverse.shape, np.nan, np.float32)
@@ -129,8 +131,8 @@ def _project_into(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Project the surface points of N pixels into another camera. Return positions (2, N) and inverse depths.
 
-    Positions are (row, column), with integers at pixel centres. Points behind the camera get positions far
-    outside the image, so NaN does not occur.
+    Positions are (row, column). Pixel centres have integer positions. Points behind the camera get positions
+    far outside the image, so NaN does not occur.
     """
     rays, move = (
         _compute_rays(here.camera, rows, columns),
@@ -162,8 +164,7 @@ def _test_depths(
 def find_surface_points(frame: PreparedFrame) -> NDArray[np.float64]:
     """Return world points (N, 3) on the surfaces of a frame, away from their borders.
 
-    The result contains every second pixel of every second row. All pixels in between are filled by
-    `find_holes`.
+    The result contains every second pixel of every second row. `find_holes` fills the pixels in between.
     """
     inverse, nearest, farthest = frame.inverse_depths
     inner = (farthest > 0) & (nearest - farthest <= _FLAT * nearest)
@@ -187,7 +188,7 @@ def find_holes(frame: PreparedFrame, points: NDArray[np.float64]) -> Mask:
     if covered.all():
         return ~covered
     hit = covered.copy()
-    # Mark pixels that are hit by the model or by a surface point of another frame.
+    # Mark pixels that show the model or a surface point of another frame.
     pixels, depth = frame.camera.project(points)
     column, row = np.floor(np.where(depth[:, None] > 0, pixels, -1)).T
     height, width = covered.shape
@@ -198,6 +199,6 @@ def find_holes(frame: PreparedFrame, points: NDArray[np.float64]) -> Mask:
     sizes = np.bincount(regions.ravel(), minlength=count + 1)
     specks = (sizes <= (2 * REACH + 1) ** 2)[regions[1:-1, 1:-1]]
     dilated = maximum_filter(hit, 3, mode="constant", cval=False)
-    # Nothing is known about pixels beyond the image edge. Treat such pixels as not hit.
+    # Nothing is known about pixels beyond the image edge. Treat these pixels as not hit.
     around = minimum_filter(dilated, 5, mode="constant", cval=False)
     return np.asarray(~covered & (specks | around))

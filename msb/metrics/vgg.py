@@ -17,7 +17,7 @@ from msb.errors import MetricError
 
 _NUMBERS = (0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28)
 _CHANNELS = (3, *2 * (64,), *2 * (128,), *3 * (256,), *6 * (512,))
-# (N, in, out): number and channels of each 3 x 3 convolution features.N of the torchvision VGG16.
+# Shape (N, in, out) of each 3 x 3 convolution: number and channels of features.N in torchvision's VGG16.
 LAYERS = tuple(zip(_NUMBERS, _CHANNELS[:-1], _CHANNELS[1:], strict=True))
 # The number of channels of each compared layer: relu1_2, 2_2, 3_3, 4_3 and 5_3, all after their ReLU.
 TAPS = {2: 64, 7: 128, 14: 256, 21: 512, 28: 512}
@@ -33,14 +33,14 @@ MOST_LPIPS = math.fsum(_HEAD_SUMS) + 0.01
 # Maximum header size of a .npy file in bytes.
 _MAX_HEAD = 1 << 10
 
-# float32 arrays by key (features.N.weight or .bias).
+# float32 arrays. The keys are features.N.weight and features.N.bias.
 Weights = dict[str, Any]
 
 
 def weights_source(weights: Mapping[str, Any] | None) -> str:
     """Describe the origin of `LpipsVgg.weights`, and state whether they are the published weights.
 
-    Without weights, the text names the required file.
+    If the weights are missing, the text names the required file.
     """
     if weights is None:
         return f"LPIPS needs {VGG_FILE} from download.pytorch.org/models, SHA-256 {VGG_SHA256[:16]}..."
@@ -72,9 +72,10 @@ def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
 
     The file is a state dict of the torchvision VGG16 written by torch.save, or an .npz with the same keys.
     Other keys of the file (classifier.*) are ignored. Loading does not execute code from the file. Weights
-    are features.N.weight (out, in, 3, 3) and features.N.bias (out,), float32. The record contains the name of
-    the file, "sha256" of the file, "tensors_sha256" of the values (independent of the file format), and the
-    name "known" of published weights.
+    are features.N.weight (out, in, 3, 3) and features.N.bias (out,), float32. The record has the key "file"
+    with the file name, and the key "known" with the name of published weights or None. The key "sha256" is
+    the hash of the file. The key "tensors_sha256" is the hash of the values, which does not depend on the
+    file format.
     """
     place = regular_file(path)
     shapes: dict[str, tuple[int, ...]] = {f"features.{n}.weight": (o, i, 3, 3) for n, i, o in LAYERS}
@@ -85,7 +86,7 @@ def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
         weights = {key: _check_tensor(place, tensors, key, shape) for key, shape in shapes.items()}
     except MetricError:
         raise
-    except Exception as error:  # readers raise various exceptions for foreign files
+    except Exception as error:  # readers of weights raise various exceptions for files of other formats
         text = f"it cannot be read: {library_reason(error)}"
         raise MetricError("METRIC_WEIGHTS", text, file=place) from error
     digest = hashlib.sha256()
@@ -154,7 +155,7 @@ def _read_torch(path: Path, shapes: dict[str, tuple[int, ...]]) -> Weights:
 
 
 def _read_npz(path: Path, shapes: dict[str, tuple[int, ...]]) -> Weights:
-    # Open the file here, because NumPy leaves an invalid archive open.
+    # Open the file in this function, because NumPy leaves an invalid archive open.
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
         for key, shape in shapes.items():
             # Check sizes before unpacking. Stored numbers have at most 8 bytes.

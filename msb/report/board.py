@@ -1,4 +1,4 @@
-"""The board: one table of results from many submissions. The board names the origin of every row."""
+"""The board is one table with the results of many submissions. Each row of the board names its origin."""
 
 import io
 import unicodedata
@@ -34,15 +34,15 @@ from msb.report.results import LoadedResult, ResultSet, result_set
 from msb.report.safe_names import plain_text
 from msb.report.table import NOT_AVAILABLE, Table, TableCell, TableColumn, TableRow
 
-# Name printed as the submitter of the paper's rows.
+# Name that is printed as the submitter of the paper's rows.
 THE_PAPER = "the paper"
 _MESH = "exported_mesh"
-# Columns that follow the image quality metrics.
+# Columns to the right of the image quality metrics.
 _METRICS = ("fps", "p50_ms", "p95_ms", "memory", "asset_size", "nonmanifold_edge_ratio", "components")
-# Hexadecimal digits of a hash in the table of results. The table of files prints all 64 digits.
+# Number of hexadecimal digits of a hash in the table of results. The table of files prints all 64 digits.
 _HASH_DIGITS = 12
-# Number of hexadecimal digits of the hash added to equal names of submitters. More digits are used only if
-# the shorter name is already taken.
+# Minimum and maximum number of hexadecimal digits that are added to equal names of submitters. More digits
+# are used only if the names are still equal.
 _MIN_NAME_DIGITS, _MAX_NAME_DIGITS = 6, 64
 # Maximum width and height of a submitted image, in pixels.
 _MAX_SIDE = 4096
@@ -103,7 +103,7 @@ def build_board(
     Raises
     ------
     UsageError
-        A submission is passed twice.
+        The same submission is passed twice.
     InputError
         RECORD_INVALID: a submitted image is invalid.
     """
@@ -157,9 +157,9 @@ def build_board(
 def _name_submissions(submissions: Sequence[Submission]) -> list[str]:
     """Return a unique name for each submission. The name "the paper" is never used.
 
-    If two names look alike, digits of the submissions' hashes are added to the names. Letters of other
-    scripts that resemble Latin letters are not recognised. The hashes in the table of files distinguish
-    similar names.
+    If two names look alike, digits from the hashes of the submissions are added. Letters of other scripts
+    that resemble Latin letters are not recognised. The hashes in the table of files distinguish similar
+    names.
     """
     plain_names = [_plain_name(submission) for submission in submissions]
     count = Counter(map(_visible_form, [THE_PAPER, *plain_names]))
@@ -184,7 +184,7 @@ def _plain_name(submission: Submission) -> str:
 
 
 def _visible_form(name: str) -> str:
-    """Return the visible letters of a name in lower case. Names that look alike give the same result."""
+    """Return the visible letters of a name in lower case. Names that look alike give equal results."""
     normal = unicodedata.normalize("NFKC", name)
     letters = (letter for letter in normal if letter not in _BLANK_LETTERS and not letter.isspace())
     visible = (letter for letter in letters if unicodedata.category(letter) not in _INVISIBLE_CATEGORIES)
@@ -194,8 +194,8 @@ def _visible_form(name: str) -> str:
 def _results_table(results: Mapping[str, ResultSet], numbers: Mapping[str, Numbers], paper: Numbers) -> Table:
     """Return a row for each scene, method, condition and submitter.
 
-    `results` and `numbers` contain the results and numbers of each submitter, by name. The mesh metrics of a
-    model are repeated in all its rows.
+    `results` and `numbers` map the name of each submitter to its results and numbers. The mesh metrics of a
+    model are repeated in all rows of the model.
     """
     metrics = [*QUALITY, *_METRICS]
     rows = []
@@ -222,13 +222,13 @@ def _results_table(results: Mapping[str, ResultSet], numbers: Mapping[str, Numbe
         *(TableColumn(metric_title_with_unit(metric)) for metric in metrics),
         *(TableColumn(name) for name in ("Model", "Photographs", "msb", "Drawn by")),
     ]
-    caption = "Results. The lists filter the rows."
+    caption = "Results. Use the lists to filter the rows."
     heads = "Dataset", "Scene", "Method"
     return Table("board", caption, heads, tuple(columns), tuple(rows)).with_common_notes()
 
 
 def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
-    """Return the rows of the table in order. Each row has the submitters with numbers for the row."""
+    """Return the rows of the table in order. For each row, list the submitters that have numbers for it."""
     names_of: dict[RowKey, list[str]] = {}
     for name, of_submitter in numbers.items():
         scenes = {(key.dataset, key.scene) for key in of_submitter.values if key.scene not in MEANS}
@@ -241,8 +241,8 @@ def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
         drawn = {row_key[:3] for row_key in row_keys if row_key[3] != _MESH}
         for row_key in row_keys:
             dataset, scene, _, condition = row_key
-            # Omit the mean of a single scene. Omit the exported mesh of a model that also has rendered
-            # conditions.
+            # Omit the mean of a single scene. If a model also has rendered conditions, omit its exported
+            # mesh.
             is_repeated_mean = scene in MEANS and count[dataset] == 1
             is_repeated_mesh = condition == _MESH and row_key[:3] in drawn
             if not is_repeated_mean and not is_repeated_mesh:
@@ -253,14 +253,14 @@ def _list_rows(numbers: Mapping[str, Numbers]) -> dict[RowKey, list[str]]:
 
     def order(row_key: RowKey) -> tuple[Any, ...]:
         dataset, scene, method, condition = row_key
-        mean = means.index(scene) if scene in MEANS else -1  # means follow the scenes
+        mean = means.index(scene) if scene in MEANS else -1  # rows with means follow the rows of scenes
         return datasets[dataset], mean, scene, method, condition_order(condition), condition
 
     return {row_key: names_of[row_key] for row_key in sorted(names_of, key=order)}
 
 
 def _group_records(results: ResultSet) -> dict[RowKey, list[Result]]:
-    """Return the records of each row. The row of a mean has the records of all scenes."""
+    """Return the records of each row. The row of a mean contains the records of all scenes."""
     records: dict[RowKey, list[Result]] = {}
     for loaded in results:
         dataset, scene, method = loaded.place
@@ -271,7 +271,10 @@ def _group_records(results: ResultSet) -> dict[RowKey, list[Result]]:
 
 
 def _without_reason(cell: TableCell) -> TableCell:
-    """Return a table cell. If the cell is empty, omit the reason, because most cells of a board are empty."""
+    """Return a table cell without the reason for a missing value.
+
+    Most cells of a board are empty, so the reasons would fill the page.
+    """
     return cell if cell.value is not None else replace(cell, reason=None, notes=())
 
 
@@ -282,7 +285,7 @@ def _text_cell(text: str) -> TableCell:
 def _provenance_cells(records: Sequence[Result]) -> tuple[TableCell, ...]:
     """Return four table cells: model, photographs, version and device.
 
-    If the records differ, the text is "N different".
+    If the records have different values, the text is "N different".
     """
     models = {
         record.asset.sha256[:_HASH_DIGITS] for record in records if record.asset and record.asset.sha256
@@ -303,7 +306,10 @@ def _provenance_cells(records: Sequence[Result]) -> tuple[TableCell, ...]:
 
 
 def _photographs_hash(record: Result) -> str:
-    """Return a hash of the photographs and of the settings for their comparison, or ""."""
+    """Return a hash of the photographs and of the settings for comparing them.
+
+    Without photographs, return "".
+    """
     return str(record.inputs.get("quality", {}).get("photographs", ""))
 
 
@@ -354,7 +360,7 @@ def _files_table(results: Mapping[str, ResultSet]) -> Table:
 
 
 def _find_differences(results: Mapping[str, ResultSet]) -> Iterator[str]:
-    """Yield reasons that make rows of one or several submissions incomparable."""
+    """Yield the reasons that make rows of the board incomparable."""
     yield from (f"{name}: {note}" for name, of_submitter in results.items() for note in of_submitter.notes)
     # For each (dataset, scene, method), group the submitters by the hash of their photographs.
     photographs: dict[tuple[str, str, str], dict[str, list[str]]] = {}
@@ -369,7 +375,7 @@ def _find_differences(results: Mapping[str, ResultSet]) -> Iterator[str]:
             for identity in () if loaded.result.quality is None else loaded.result.quality.metrics:
                 text = str(sorted(defined(identity).items()))
                 metrics.setdefault(str(identity.get("name")), {}).setdefault(text, []).append(name)
-    # Write one sentence for all models with equal groups of submitters.
+    # If several models have equal groups of submitters, write one sentence for all of them.
     places_of: dict[str, list[str]] = {}
     for where, groups in photographs.items():
         if len(groups) > 1:
@@ -382,7 +388,7 @@ def _find_differences(results: Mapping[str, ResultSet]) -> Iterator[str]:
 
 
 def _list_groups(groups: Iterable[Sequence[str]]) -> str:
-    """Return groups of names as text: groups (A, B) and (C) become "A with B and C"."""
+    """Return groups of submitter names as text, such as "A with B and C" for the groups (A, B) and (C)."""
     return " and ".join(" with ".join(dict.fromkeys(names)) for names in groups)
 
 
@@ -417,7 +423,7 @@ def _read_views(name: str, submission: Submission) -> Iterator[ComparedView]:
 
 
 def _read_image(picture: SubmittedImage, submission: Submission, number: int) -> JpegImage:
-    """Return a submitted image. `number` is the number of the view.
+    """Return a submitted image. `number` is the index of the view.
 
     Raises InputError if the image is not a small JPEG.
     """

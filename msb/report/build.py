@@ -34,10 +34,11 @@ ONE_SCENE = (
     "views are similar."
 )
 NO_COMPARISON = "--against {}: no other method was measured under the same condition on the same scene"
-# Datasets with few scenes. Tables of these datasets show the scenes side by side, as in the paper. The tables
-# of other datasets have a row per scene.
+# Datasets with few scenes. Tables of these datasets have one column per scene, as in the paper. The tables of
+# other datasets have a row per scene.
 FEW_SCENES = ("tanksandtemples",)
-# For each table of the paper, the function that builds our table, and its dataset ("" for all datasets).
+# For each table of the paper, the function that builds our table, and the dataset of the table. If the
+# dataset is empty, the function is used for all datasets.
 _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "native_summary": (measurements.native_summary, ""),
     "native_comprehensive_results": (measurements.native_comprehensive_results, ""),
@@ -51,7 +52,7 @@ _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
 }
 # For each label of the paper, the label of our table.
 EQUIVALENTS = {label: "-".join(filter(None, (build.__name__, at))) for label, (build, at) in _PAPER.items()}
-# Labels of tables that differ between this report and the paper: our label to the paper's label.
+# For each label of our tables that differs from the paper, the label in the paper.
 _PAPER_LABELS = {
     "renderer_comparison-mipnerf360": "mip360_renderer_comparison",
     "renderer_comparison-tanksandtemples": "tnt_renderer_comparison",
@@ -60,14 +61,14 @@ _PAPER_LABELS = {
     "reproducibility": "reproducibility_comparison",
 }
 
-# Title, introduction and kind of charts of each section, by its name.
+# For each section name, the title, the introduction and the kind of charts.
 _SECTIONS = {
     "deployment": (
         "Quality by condition",
         "Image quality of the same models with their native renderers, on each tier and in each engine.",
         "deployment_gap",
     ),
-    "gaps": ("Deployment gaps", "Loss of quality at each step of deployment.", ""),
+    "gaps": ("Deployment gaps", "Loss of quality from each condition to the next.", ""),
     "bakes": (
         "Parts of the loss",
         "Quality of baked meshes, and the part of the loss that baking avoids.",
@@ -92,7 +93,7 @@ _SECTIONS = {
         "Features of the representations, and the features that each tier keeps.",
         "",
     ),
-    "scenes": ("Results per scene", "The values behind the means.", ""),
+    "scenes": ("Results per scene", "The values from which the means are computed.", ""),
 }
 
 
@@ -119,13 +120,13 @@ def build_report(
     with_paper : bool
         Whether to include the numbers of the paper. Numbers in `published` are always included.
     against : str, optional
-        A method or label. Every other method is compared with this method, view by view.
+        A method or label. Every other method is compared with this method in each view.
     """
     _check_chosen(results, chosen)
     numbers = collect(results)
     comparisons = [] if against is None else compare_methods(results, numbers, against)
     paper = paper_numbers() if with_paper else Numbers({}, of_paper=True)
-    # If a dataset has a published name but other scenes, remove the paper's numbers for the dataset.
+    # If a dataset has a published name but other scenes, the paper's numbers for the dataset are removed.
     others = [dataset for dataset in numbers.datasets() if numbers.has_other_scenes(dataset)]
     paper = _drop_datasets(paper, others)
     if published:
@@ -172,7 +173,7 @@ def paper_report(*, pictures: bool = True) -> Report:
         Section(
             "derived",
             "Derived numbers",
-            "Gaps and ratios that the paper states in prose, computed from its printed means.",
+            "Gaps and ratios that the paper states in prose, computed from the printed means of the paper.",
             _with_contradictions(*derived, slowdown_table(numbers)),
             tuple(make_figures(numbers)) if pictures else (),
         ),
@@ -194,7 +195,7 @@ def _with_contradictions(*tables: Table) -> tuple[Table, ...]:
 def _with_paper_notes(table: Table) -> Table:
     """Return one of our tables.
 
-    Add notes on contradictions in the paper if the table prints numbers of the paper.
+    If the table prints numbers of the paper, add notes on contradictions in the paper.
     """
     has_columns = any(SOURCES["meshsplatbench"] in column.groups for column in table.columns)
     if not has_columns and not any(row.paper for row in table.rows):
@@ -210,11 +211,11 @@ def _make_sections(
     datasets = numbers.datasets()
     drawn = [dataset for dataset in datasets if numbers.conditions(dataset)]
     deployed = [d for d in drawn if any(condition != "non_engine" for condition in numbers.conditions(d))]
-    # In tables of datasets with few scenes, the scenes are side by side.
+    # Tables of datasets with few scenes have one column per scene.
     few = [dataset for dataset in deployed if dataset in FEW_SCENES]
     audited = [dataset for dataset in datasets if numbers.methods(dataset, "exported_mesh")]
 
-    # Choose tables by the kind of dataset, and by the existence of published numbers.
+    # Choose tables by the kind of dataset. Some tables also need published numbers.
     runtime = [slowdown_table(numbers, paper)] if deployed else []
     runtime += [measurements.runtime_resources(numbers, dataset, paper) for dataset in few]
     for dataset in deployed:
@@ -228,7 +229,7 @@ def _make_sections(
     if any(key.source for key in paper.values if key.dataset in datasets):
         published += [reproducibility(numbers, paper)]
         published += [reproducibility_statistics(numbers, paper)]
-    # Build the tables of each section. Empty tables are removed below.
+    # Build the tables of each section. Sections without tables are removed below.
     tables_of: dict[str, Iterable[Table]] = {
         "deployment": [
             *(measurements.renderer_comparison(numbers, dataset, paper) for dataset in drawn),
@@ -268,7 +269,7 @@ def _make_sections(
 
 
 def _has_walk(numbers: Numbers, dataset: str) -> bool:
-    """Return whether a dataset has results of a walk beyond the captured views."""
+    """Return whether a dataset has results of a camera path (walk) beyond the captured views."""
     return any(
         number.value is not None
         for key, number in numbers.values.items()
@@ -286,7 +287,7 @@ def _check_chosen(results: ResultSet, chosen: Sequence[str]) -> None:
 
 
 def _drop_datasets(paper: Numbers, datasets: Sequence[str]) -> Numbers:
-    """Return the paper's numbers, except the numbers of `datasets`."""
+    """Return the paper's numbers without the numbers of `datasets`."""
     return replace(
         paper,
         values={key: number for key, number in paper.values.items() if key.dataset not in datasets},
@@ -296,7 +297,7 @@ def _drop_datasets(paper: Numbers, datasets: Sequence[str]) -> Numbers:
 
 
 def _summarise(results: ResultSet, numbers: Numbers) -> str:
-    """Return a text with the number of results, methods, scenes and datasets, and our version."""
+    """Return a text with our version and the number of results, methods, scenes and datasets."""
     methods = {place.method for place in results.places}
     scenes = {(place.dataset, place.scene) for place in results.places}
     of = f"{_format_count(len(results), 'result')} of {_format_count(len(methods), 'method')}"
@@ -325,7 +326,7 @@ def _list_changed_files(results: ResultSet, views: Iterable[ComparedView]) -> It
 
 
 def _list_failures(results: ResultSet) -> list[str]:
-    """Return one note per failed cell."""
+    """Return one note per failed benchmark cell."""
     notes = []
     for loaded in results:
         reason = loaded.result.reason

@@ -42,7 +42,7 @@ from msb.report.numbers import (
 from msb.report.results import Place, ResultSet
 from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED, UNSTEADY
 
-# Metrics of conditions with images: timing, the walk beyond the captured views, and other metrics.
+# Metrics of conditions with images: timing, the camera path beyond the captured views, and other metrics.
 _TIMING = ("fps", "p50_ms", "p95_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
 WALK = ("flicker", "flicker_worst", "holes")
 _DRAWN = (*_TIMING, *WALK, "memory", "driver_memory", "asset_size")
@@ -50,7 +50,7 @@ _DRAWN = (*_TIMING, *WALK, "memory", "driver_memory", "asset_size")
 _OF_MESH, _OF_BAKE = ("faces", "tasks"), ("psnr_16", "bake_seconds")
 # Metrics that are computed from the frame rate.
 _RATES = ("fps", "host_ms")
-# For each metric, the key in `Result.reasons` of the reason for a missing value.
+# For each metric, the key in `Result.reasons` that explains a missing value.
 _REASON_KEYS = {
     **dict.fromkeys((*_TIMING, "memory", "driver_memory"), "timing"),
     **dict.fromkeys(WALK, "walk"),
@@ -58,7 +58,7 @@ _REASON_KEYS = {
     "chamfer": "chamfer",
     "tasks": "trial",
 }
-# For each metric, the attribute of `Result.floor` with the cost of a single triangle.
+# For each metric, the attribute of `Result.floor` that stores the cost of a single triangle.
 _FLOOR_ATTRIBUTES = {"memory": "memory_bytes", "p50_ms": "p50_ms", "p95_ms": "p95_ms"}
 
 NOT_RUN = "this condition was not run"
@@ -72,7 +72,7 @@ WHITE = "photographs and renderings are composited over white, as in the dataset
 # Datasets whose evaluation composites photographs and renderings over white.
 _WHITE_DATASETS = ("dtu", "nerf_synthetic")
 _COLORS = {(0.0, 0.0, 0.0): "black", (1.0, 1.0, 1.0): "white"}
-# The renderer of Non-Engine images, by their `RendererInfo.kind`.
+# The renderer of Non-Engine images for each value of `RendererInfo.kind`.
 _NATIVE_RENDERERS = {"upstream": "their own code", "msb_reference": "NumPy"}
 _CAMERAS = {
     "gs_fov": "gs_fov (principal point at the image centre)",
@@ -104,16 +104,18 @@ def collect(results: ResultSet) -> Numbers:
         renderers = drawn_by[dataset] = _find_renderers(of_places)
         conditions_of = _list_conditions(of_places)
         for method in _sort_names(conditions_of, METHODS):
-            # Collect the records of this method, by scene and condition. For a scene without records, the
-            # dictionary is empty.
+            # For each scene and condition, collect the record of this method. For a scene without records,
+            # the dictionary is empty.
             of_scenes = {scene: of_places.get(Place(dataset, scene, method), {}) for scene in scenes}
             conditions = conditions_of[method]
-            # Add values of single scenes and averages: first for the conditions, then for the trained model.
+            # Add values of single scenes and averages. First add values of the conditions, then values of the
+            # trained model.
             for condition in conditions:
                 metrics = _metrics_of(condition)
                 _add_condition(values, views, dataset, method, condition, metrics, of_scenes)
             _add_condition(values, views, dataset, method, "non_engine", ASSET_METRICS, of_scenes)
-            # Add differences between conditions, and parts of the loss, per scene and on average.
+            # Add differences between conditions, and add parts of the loss. Differences and parts are
+            # computed for each scene and on average.
             _add_gaps(gaps, dataset, method, list_gap_pairs(conditions, renderers), of_scenes)
             expected = expected_scenes(dataset, scenes)
             for scene, averaged in {**{scene: (scene,) for scene in scenes}, MEAN: expected}.items():
@@ -163,7 +165,7 @@ def _collect_views(records: Mapping[Place, Mapping[str, Result]]) -> dict[Key, d
 
 
 def _sort_names(names: Iterable[str], first: Iterable[str]) -> list[str]:
-    """Return `names` in the order of `first`. All other names follow in natural order."""
+    """Return `names` sorted like `first`. Names that `first` does not contain follow in natural order."""
     order = list(first)
 
     def rank(name: str) -> tuple[int, list[Any]]:
@@ -238,9 +240,9 @@ def _add_condition(
 
 
 def _floor_number(metric: str, result: Result | None, number: Number) -> Number:
-    """Return the cost of a single triangle.
+    """Return the renderer's cost of a single triangle.
 
-    If the cost `number` of the mesh is missing, return `number`.
+    If the value of `number` (the cost of the mesh) is missing, `number` is returned.
     """
     if number.value is None:
         return number
@@ -251,7 +253,7 @@ def _floor_number(metric: str, result: Result | None, number: Number) -> Number:
 
 
 def _with_interval(number: Number, keys: Sequence[Key], views: Mapping[Key, Mapping[str, float]]) -> Number:
-    """Add a confidence interval to `number`, without a p value.
+    """Add the confidence interval of a mean, without a p value.
 
     The interval describes the mean over the views at `keys`.
     """
@@ -264,7 +266,7 @@ def _with_interval(number: Number, keys: Sequence[Key], views: Mapping[Key, Mapp
 def _find_asset_record(conditions: Mapping[str, Result], metric: str) -> Result | None:
     """Return a record with a value of a metric of the trained model.
 
-    If no such record exists, return a record that explains the missing value.
+    If no record contains a value, return a record that explains the missing value.
     """
     for result in conditions.values():
         if METRICS[metric].get(result) is not None:
@@ -381,10 +383,10 @@ def _add_gaps(
     pairs: Sequence[tuple[str, str]],
     of_scenes: Mapping[str, Mapping[str, Result]],
 ) -> None:
-    """Compute the quality gaps of a method for each pair of conditions, and add them to `gaps`."""
+    """For each pair of conditions, compute the quality gaps of a method, and add them to `gaps`."""
     expected = expected_scenes(dataset, of_scenes)
     for pair in pairs:
-        # Collect the records by tier instead of by condition.
+        # For each tier, collect the records of the condition that `pair` names for the tier.
         named = dict(zip(("non_engine", "standard", "dedicated"), ("non_engine", *pair), strict=True))
         compared = {
             scene: {
@@ -401,10 +403,10 @@ def _add_gaps(
 def _add_setup_notes(
     values: Mapping[Key, Number], records: Mapping[Place, Mapping[str, Result]]
 ) -> dict[Key, Number]:
-    """Add notes to image metrics if the setups of the methods differ, and return the new values."""
+    """If the setups of the methods differ, add notes to image metrics. Return the new values."""
     setups: dict[Place, dict[str, str]] = {}
     counts: dict[tuple[str, ...], Counter[str]] = defaultdict(Counter)
-    # Collect the notes of each method on a dataset or on a single scene. Dictionaries keep the notes unique
+    # For each method on a dataset or on a single scene, collect the notes. Dictionaries keep the notes unique
     # and in order.
     notes: dict[tuple[str, ...], dict[str, None]] = defaultdict(dict)
     for place, conditions in records.items():
@@ -413,7 +415,7 @@ def _add_setup_notes(
             for what, value in setup.items():
                 counts[place.dataset, place.scene, what][value] += 1
         for text in (text for result in conditions.values() for text in result.trained):
-            # Use the same text for a scene and for the average, so that a table prints the note once.
+            # Use the same text for a scene and for the average, so that a table prints it as one note.
             for row in (place.scene, MEAN):
                 notes[place.dataset, row, place.method][f"{place.scene}: {text}"] = None
     for place, setup in setups.items():
@@ -433,9 +435,9 @@ def _add_setup_notes(
 
 
 def _describe_setup(result: Result) -> dict[str, str] | None:
-    """Return the properties of a setup as text.
+    """Return the setup of a comparison as text.
 
-    The properties must be equal for a fair comparison of two methods.
+    A fair comparison of two methods requires equal setups.
     """
     if result.setup is None:
         return None

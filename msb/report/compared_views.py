@@ -30,7 +30,7 @@ _MAX_PIXELS = 1 << 26
 
 
 def data_uri(kind: str, data: bytes) -> str:
-    """Return `data` as an address that a page can embed. `kind` is the MIME type of the data."""
+    """Return `data` as a data URI that a page can embed. `kind` is the MIME type of the data."""
     return f"data:{kind};base64,{base64.b64encode(data).decode()}"
 
 
@@ -43,7 +43,7 @@ class JpegImage:
 
     @property
     def uri(self) -> str:
-        """The image as an address that a page can embed."""
+        """The image as a data URI that a page can embed."""
         return data_uri("image/jpeg", self.data)
 
 
@@ -60,7 +60,7 @@ class Rendering:
     image : JpegImage or None
         The image; None if the file is missing or has changed since its comparison with the ground truth.
     changed : Path or None
-        The file of the rendering, if it has changed since the comparison.
+        The file of the rendering, if the file has changed since the comparison.
     """
 
     heading: str
@@ -73,8 +73,8 @@ class Rendering:
 class ComparedView:
     """A test view, with its photograph and the renderings of each method under all conditions.
 
-    `why` explains the choice of the view, such as "the largest loss". `renderings` contains the renderings of
-    each method.
+    `why` explains the choice of the view, such as "the largest loss". `renderings` maps each method to its
+    renderings.
     """
 
     dataset: str
@@ -112,11 +112,11 @@ def select_views(
     ----------
     results : ResultSet
     places : sequence of Place
-        Assets of one dataset.
+        The assets of one dataset.
     chosen : sequence of str
         "SCENE/IMAGE", as in the records.
     """
-    # For every view, collect the PSNR loss in dB between two conditions, the asset and the view.
+    # For every view, collect the asset, the view, and the PSNR loss in dB between two conditions.
     losses = [(loss, place, view) for place in places for view, loss in _find_losses(results, place).items()]
     selected: dict[tuple[str, str], str] = {}
     if losses:
@@ -157,7 +157,7 @@ def _find_losses(results: ResultSet, place: Place) -> dict[str, float]:
 
 
 def _make_view(results: ResultSet, places: Sequence[Place], view: str, why: str) -> ComparedView:
-    """Return a view of one scene with the renderings of the assets at `places`."""
+    """Return a view of one scene. The renderings are from the assets at `places`."""
     renderings: dict[str, tuple[Rendering, ...]] = {}
     ground_truth: JpegImage | None = None
     dataset, scene = places[0].dataset, places[0].scene
@@ -179,7 +179,7 @@ def _make_view(results: ResultSet, places: Sequence[Place], view: str, why: str)
 
 
 def _make_rendering(loaded: LoadedResult, condition: str, compared: ImageQuality, name: str) -> Rendering:
-    """Return a rendering. If the file has changed since its comparison, the image is left out."""
+    """Return a rendering. If the image file has changed since its comparison, the image is omitted."""
     changed = loaded.changed_file(compared)
     image = None if changed else _read_image(loaded.file(compared.file), compared, name)
     return Rendering(condition_title(condition), compared.values["psnr"], image, changed)

@@ -1,7 +1,7 @@
 """Charts as SVG and PDF: gaps and their parts, quality against speed, differences from published results.
 
-Colour-blind readers can distinguish the colours, which are from the palette of Okabe and Ito. Markers, line
-styles and hatches repeat the information of the colours. Text and axes have the text colour of the
+The colours are from the palette of Okabe and Ito, so that colour-blind readers can distinguish them. Markers,
+line styles and hatches distinguish the same items as the colours. Text and axes have the text colour of the
 surrounding page.
 """
 
@@ -53,14 +53,14 @@ _CONDITION_MARKERS = {"non_engine": "*", "dedicated": "s", "standard": "^"}
 _VARIANT_MARKERS = ("D", "P", "X", "v")
 # Placeholders for the text and page colours, which are replaced when the figure is embedded or saved.
 _INK, _PAPER = "#010203", "#fdfcfb"
-# Width and height of a chart in inches, about the width of a phone's screen.
+# Width and height of a chart in inches. The width is about the width of a phone's screen.
 _SIZE = (4.6, 3.3)
-# Width of a sheet of images (the text width of a paper), and height of row labels, in inches.
+# Width of a sheet of images in inches (the text width of a paper), and height of row labels in inches.
 _SHEET_WIDTH, _LABEL_HEIGHT = 7.0, 0.2
 # Number of legend rows that fit without extra space. Each further row makes the chart taller by `_ROW_HEIGHT`
 # inches.
 _LEGEND_ROWS, _ROW_HEIGHT = 4, 0.19
-# Minimum number of bars that a chart has space for, so that a single bar does not fill the chart.
+# Minimum number of bars that a chart has space for. Without a minimum, a single bar would fill the chart.
 _MIN_BARS = 3
 
 
@@ -107,11 +107,11 @@ def make_figures(numbers: Numbers, paper: Numbers | None = None) -> list[Figure]
 
 
 def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
-    """Return the chart of PSNR under Non-Engine, Dedicated and Standard, with a line per method.
+    """Return the chart of PSNR under Non-Engine, Dedicated and Standard, with a line for each method.
 
     The result is None if no method has values of two conditions.
     """
-    # For each method, collect the points (condition number, PSNR in dB) of its line.
+    # For each method, collect the points of its line: condition index and PSNR in dB.
     lines = {
         (method, dedicated): points
         for dedicated in ("dedicated", *numbers.variants(dataset, "dedicated"))
@@ -149,11 +149,11 @@ def plot_deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
 
 
 def _condition_means(numbers: Numbers, dataset: str, method: str, dedicated: str) -> list[tuple[int, float]]:
-    """Return pairs (condition number, mean PSNR in dB).
+    """Return pairs of condition index and mean PSNR in dB.
 
-    The means are averages over the scenes that all conditions have.
+    The means are averages over the scenes that have values of all conditions.
 
-    Two points can be compared only if both means are over the same scenes. The paper prints only means, so
+    Two points can be compared only if their means are over the same scenes. The paper prints only means, so
     its numbers are used unchanged.
     """
     through = [dedicated if condition == "dedicated" else condition for condition in DRAWN_CONDITIONS]
@@ -179,10 +179,11 @@ def _condition_means(numbers: Numbers, dataset: str, method: str, dedicated: str
 def plot_loss_split(numbers: Numbers, dataset: str) -> Figure | None:
     """Return the chart of the parts of the loss, or None without bakes.
 
-    Each method's bar extends from the PSNR of Standard to the PSNR of Dedicated. The parts of the bar are the
-    losses due to colours, faces and blending.
+    The bar of each method extends from the PSNR of Standard to the PSNR of Dedicated. The parts of the bar
+    are the losses due to colours, faces and blending.
     """
-    # For each method, list the parts of its loss: the name, and the PSNR in dB at both ends.
+    # For each method, list the parts of its loss. Each part has a name, and the PSNR in dB at both of its
+    # ends.
     bars = {
         method: [(name, *gap.ends) for name, gap in split.steps.items() if gap.ends is not None]
         for method in numbers.methods(dataset)
@@ -224,7 +225,7 @@ def plot_quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
 
     The result is None if the chart would have fewer than two points.
     """
-    # For each method, list its points: condition, frames per second and PSNR in dB.
+    # For each method, list its points in the chart: condition, frames per second and PSNR in dB.
     points: dict[str, list[tuple[str, float, float]]] = {}
     conditions = [
         name for name in numbers.conditions(dataset) if not name.startswith(("standard/", f"{BAKED}/"))
@@ -278,8 +279,8 @@ def plot_quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
 def plot_differences(pairs: Sequence[PublishedPair], dataset: str) -> Figure | None:
     """Return the bar chart of our PSNR minus the published PSNR, or None without published values.
 
-    If values of single scenes are published, each scene has a bar. If only means are published, each method
-    has one bar.
+    If values of single scenes are published, the chart has a bar for each scene. If only means are published,
+    the chart has one bar for each method.
     """
     of_dataset = [
         pair
@@ -304,7 +305,7 @@ def plot_differences(pairs: Sequence[PublishedPair], dataset: str) -> Figure | N
     series = list(dict.fromkeys(map(series_name, drawn)))
 
     def draw(axes: Axes) -> None:
-        # The bars of a group are side by side and fill 80 % of the width of the group.
+        # In a group, the bars are side by side and fill 80 % of the group's width.
         width = 0.8 / len(series)
         for place, name in enumerate(series):
             bars = [pair for pair in drawn if series_name(pair) == name]
@@ -335,15 +336,15 @@ def plot_differences(pairs: Sequence[PublishedPair], dataset: str) -> Figure | N
 def _choose_styles(numbers: Numbers) -> dict[str, dict[str, Any]]:
     """Return the line style of each method or model label.
 
-    Styles differ between methods and agree in all charts.
+    Methods have different styles, and the style of a method is the same in all charts.
 
-    A built-in method has the same style in every report. Labels and methods of other packages follow after
-    the built-in methods.
+    A built-in method has the same style in every report. Labels, and methods of other packages, get the
+    remaining styles.
     """
     models = [method for dataset in numbers.datasets() for method in numbers.methods(dataset)]
     styles = {}
     for place, method in enumerate(dict.fromkeys([*METHODS, *models])):
-        # When all colours are used, markers and line styles are shifted, so that combinations do not repeat.
+        # If all colours are used, markers and line styles are shifted, so that no combination repeats.
         round_, color = divmod(place, len(_COLORS))
         styles[method] = {
             "color": _COLORS[color],
@@ -368,7 +369,7 @@ def _draw_legend(axes: Axes, handles: Sequence[Any] = ()) -> None:
     A long legend makes the chart taller.
     """
     handles = handles or axes.get_legend_handles_labels()[0]
-    figure: Any = axes.figure  # matplotlib's types allow a subfigure, but here it is always a figure
+    figure: Any = axes.figure  # matplotlib's types allow a subfigure, but this object is always a figure
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 2), frameon=False)
     rows = (len(handles) + 1) // 2
     width, height = _SIZE
@@ -376,7 +377,7 @@ def _draw_legend(axes: Axes, handles: Sequence[Any] = ()) -> None:
 
 
 def _list_other_scenes(numbers: Numbers, dataset: str) -> str:
-    """Return the first scenes of a dataset that has a published name but other scenes."""
+    """If a dataset has a published name but other scenes, return its first scenes as text."""
     if not numbers.has_other_scenes(dataset):
         return ""
     scenes = list(map(scene_title, numbers.scenes(dataset)))
@@ -391,7 +392,10 @@ def _make_figure(
 
 
 def make_sheet(view: ComparedView) -> Figure:
-    """Return a sheet for LaTeX: a row per method, with the photograph and all renderings of a test view."""
+    """Return a sheet for LaTeX that shows a test view.
+
+    Each row shows the photograph and all renderings of one method.
+    """
     stem = view.view.rpartition(".")[0] or view.view
     name = "-".join(("qualitative", slug(view.dataset), slug(view.scene), slug(stem)))
     return Figure(name, view.title, partial(_write_sheet, view))
@@ -449,7 +453,10 @@ def _write_chart(title: str, draw: Callable[[Axes], None], form: Literal["svg", 
 def _write_canvas(
     form: Literal["svg", "pdf"], size: tuple[float, float], lay_out: Callable[[Canvas], None]
 ) -> bytes:
-    """Draw with `lay_out`, and return the bytes of the file. Equal drawings give equal bytes."""
+    """Draw a figure with the function `lay_out`, and return the bytes of the file.
+
+    Equal drawings give equal bytes.
+    """
     # hide warnings about a cache that cannot be written
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     need_extra("bench", "matplotlib", what="a figure")
@@ -463,7 +470,7 @@ def _write_canvas(
     settings = {
         "svg.fonttype": "none",
         "svg.hashsalt": "msb",
-        "pdf.fonttype": 42,  # TrueType fonts, because publishers reject Type 3, the default.
+        "pdf.fonttype": 42,  # Use TrueType fonts, because publishers reject matplotlib's default, Type 3.
         "text.parse_math": False,  # Scene names can contain dollar signs.
         "font.family": "sans-serif",
         "font.size": 9,
@@ -477,12 +484,11 @@ def _write_canvas(
     }
     file = io.BytesIO()
     with rc_context(settings), warnings.catch_warnings():
-        # Ignore glyphs that matplotlib's font lacks, because browsers draw the text of the SVG with their own
-        # fonts.
+        # Ignore glyphs that matplotlib's font lacks, because browsers draw SVG text with other fonts.
         warnings.filterwarnings("ignore", "Glyph", UserWarning)
         canvas = Canvas(figsize=size, layout="constrained")
         lay_out(canvas)
-        # Without dates and program versions, equal charts give equal files.
+        # If dates and program versions are omitted, equal charts give equal files.
         omitted = {"svg": ("Date", "Creator"), "pdf": ("CreationDate", "Creator", "Producer")}
         canvas.savefig(file, format=form, metadata=dict.fromkeys(omitted[form]))
     return file.getvalue()

@@ -38,11 +38,12 @@ from msb.report.tables.bakes import STEP_TITLES
 _MAX_FINDINGS = 12
 # Kinds of findings that are kept even if there are more than `_MAX_FINDINGS`.
 _ALWAYS_KEPT = ("slowdown", "engine_slowdown", "walk", "structure", "training", "unsupported")
-# Kinds of findings that are listed last. Such findings are expected, or do not concern deployment.
+# Kinds of findings that are listed last. The findings of these kinds are expected, or do not concern
+# deployment.
 _MINOR = ("monotone", "same_ranking", "training", "unsupported")
 # A PSNR difference below this value, in dB, is printed as 0.00.
 _MIN_DIFFERENCE = 0.005
-# Metrics of cost, and the condition under which methods are compared in each metric.
+# Metrics of cost. For each metric, the condition under which methods are compared.
 _COSTS = {
     "chamfer": "non_engine",
     "fps": "dedicated",
@@ -56,7 +57,7 @@ _GAPS: dict[GapName, str] = {"adapt": "adaptation", "port": "portability", "depl
 
 @dataclass(frozen=True)
 class Finding:
-    """One or more sentences. `kind` is the topic, and `table` is the label of the table with the numbers."""
+    """One or more sentences on the topic `kind`. `table` is the label of the table with the numbers."""
 
     kind: str
     sentence: str
@@ -64,7 +65,7 @@ class Finding:
 
 
 class _Case(NamedTuple):
-    """A value of a method on a dataset, with the text that describes the value. Cases are sorted by value."""
+    """A value of a method on a dataset, and a text that describes it. Cases are sorted by this value."""
 
     value: float
     dataset: str
@@ -73,7 +74,7 @@ class _Case(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The method and the dataset, such as "2DTS on DTU"."""
+        """The method and the dataset as text, such as "2DTS on DTU"."""
         return _format_pair(self.dataset, self.method)
 
 
@@ -88,7 +89,7 @@ def _format_condition(condition: str) -> str:
 
 
 def _format_all(count: int, noun: str = "combination", of: str = "method and dataset") -> str:
-    """Return "the only", "both" or "all 3", followed by the noun phrase."""
+    """Return "the only", "both" or "all 3", followed by a noun phrase."""
     if count == 1:
         return f"the only {noun} of {of}"
     return f"{'both' if count == 2 else f'all {count}'} {noun}s of {of}"
@@ -102,7 +103,7 @@ def join_words(words: Sequence[str]) -> str:
 def _collect_means(
     numbers: Numbers, metric: str, detail: Callable[[Key, float], str], without: str = ""
 ) -> list[_Case]:
-    """Return all measured averages of a metric. Averages with the note `without` are omitted.
+    """Return all measured averages of a metric. Averages that have the note `without` are omitted.
 
     The function `detail` returns the text for a value.
     """
@@ -116,7 +117,7 @@ def _collect_means(
 
 
 def _describe_significance(difference: Interval | None) -> str:
-    """Return the t test of a difference as text, or why it was not tested; "" without a difference."""
+    """Return the result of the t test on a difference as text. Without a difference, return ""."""
     if difference is None:
         return ""
     if difference.p is None:
@@ -128,7 +129,8 @@ def _describe_significance(difference: Interval | None) -> str:
 def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Finding]:
     """Return at most twelve findings, the most important finding first.
 
-    `first` contains further findings that precede all others. The kinds in `_ALWAYS_KEPT` are never dropped.
+    `first` contains further findings that are placed before all others. Findings of the kinds in
+    `_ALWAYS_KEPT` are never dropped.
     """
     findings = [
         *first,
@@ -144,7 +146,7 @@ def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Fin
         *_structure_findings(numbers),
         *_unsupported_findings(numbers),
     ]
-    # The sort is stable. Move minor findings to the end, and keep the order of all other findings.
+    # Move minor findings to the end. The sort is stable, so other findings keep their order.
     findings.sort(key=lambda finding: finding.kind in _MINOR)
     optional = [finding for finding in findings if finding.kind not in _ALWAYS_KEPT]
     dropped = optional[max(0, _MAX_FINDINGS - (len(findings) - len(optional))) :]
@@ -154,7 +156,7 @@ def derive_findings(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Fin
 def _gap_findings(numbers: Numbers) -> Iterator[Finding]:
     """Yield the largest and the smallest value of each PSNR gap.
 
-    For a variant, the only gap is the adaptation gap.
+    A variant has only an adaptation gap.
     """
     variants = dict.fromkeys(key.dedicated for key in numbers.gaps if key.dedicated != "dedicated")
     for dedicated in ("dedicated", *variants):
@@ -190,7 +192,7 @@ def _describe_extremes(cases: list[_Case], word: str, start: str, end: str) -> s
 
 
 def _describe_reference(numbers: Numbers, cases: list[_Case]) -> str:
-    """Return a sentence if Non-Engine was not rendered by the methods' official code, else ""."""
+    """Return a sentence if our reference renderer made Non-Engine images, otherwise ""."""
     notes = [
         numbers.number(Key(case.dataset, MEAN, case.method, "non_engine", "psnr")).notes for case in cases
     ]
@@ -214,7 +216,7 @@ def _gap_cases(numbers: Numbers, name: GapName, dedicated: str) -> Iterator[_Cas
 
 
 def _describe_gap(gap: Gap, signed: float, ends: tuple[float, float]) -> str:
-    """Return "loses 4.88 dB PSNR (28.16 to 23.28 dB)"; `signed` in dB is positive for a loss."""
+    """Return text such as "loses 4.88 dB PSNR (28.16 to 23.28 dB)" for the loss `signed` in dB."""
     amount, first, last = format_change(signed, ends, METRICS["psnr"].decimals)
     if abs(signed) < _MIN_DIFFERENCE:
         change = "keeps its PSNR"
@@ -246,7 +248,7 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
     split = numbers.splits[key]
     parts = []
     for name, gap in split.steps.items():
-        # Two steps that no bake separates form one part.
+        # If no bake separates two neighbouring parts of the loss, they form one part.
         names = [step for step, outer in split.within.items() if outer == name]
         title = " and ".join(STEP_TITLES[step].lower() for step in (*names, name))
         parts.append(f"{title} {format_digits(gap.signed or 0.0, 2)} dB")
@@ -254,7 +256,7 @@ def _split_findings(numbers: Numbers) -> Iterator[Finding]:
         f"{_format_pair(key.dataset, key.method)} loses {format_digits(total, 2)} dB PSNR from Dedicated to "
         f"Standard. The parts of this loss are {join_words(parts)}."
     )
-    # State the recovered share of all losses, in percent.
+    # State the fraction of all losses that bakes recover, in percent.
     shares = [100 * recovered / lost for lost, recovered, _ in cases if lost >= _MIN_DIFFERENCE]
     if len(shares) > 1:
         low, high = min(shares), max(shares)
@@ -274,7 +276,7 @@ def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
         for key, gaps in numbers.gaps.items()
         if (key.scene, key.standard) == (MEAN, "standard") and gaps.monotone is not None
     ]
-    # the metrics that are not monotone, by (dataset, method, condition)
+    # for each (dataset, method, condition), the metrics that are not monotone
     broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]] = {}
     for key, gaps in comparable:
         if gaps.monotone is False:
@@ -297,12 +299,12 @@ def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
 def _describe_not_monotone(
     broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]], total: int
 ) -> Finding:
-    """Return a finding that describes the case with the largest excess and names the other cases.
+    """Return a finding that describes the case with the largest excess, and names all other cases.
 
     Parameters
     ----------
     broken : dict
-        The gaps of the metrics that are not monotone, by (dataset, method, condition). The condition is
+        For each (dataset, method, condition), the gaps of the metrics that are not monotone. The condition is
         Dedicated or one of its variants.
     total : int
         Number of comparable (dataset, method) pairs.
@@ -311,8 +313,7 @@ def _describe_not_monotone(
     def excess(place: tuple[str, str, str]) -> float:
         return broken[place][0][1].triangle_excess or 0.0
 
-    # The sentence describes the first metric of the case with the largest excess. All other cases are only
-    # named.
+    # Describe the case with the largest excess by its first metric. All other cases are only named.
     first, *others = sorted(broken, key=excess, reverse=True)
     (dataset, method, dedicated), cases = first, broken[first]
     title, (key, gaps) = _format_condition(dedicated), cases[0]
@@ -340,14 +341,14 @@ def _describe_not_monotone(
 
 
 def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the changes of the PSNR ranking between conditions. Also yield the datasets without a change."""
+    """For each dataset, yield a finding on changes of the PSNR ranking between conditions."""
     changed: dict[str, str] = {}
     unchanged: dict[str, str] = {}
     for dataset in numbers.datasets():
         conditions = [
             name for name in numbers.conditions(dataset) if not name.startswith(("standard/", f"{BAKED}/"))
         ]
-        # For each significance text, collect the pairs of conditions with different rankings.
+        # For each significance text, collect the pairs of conditions between which the ranking changes.
         changes: dict[str, list[str]] = {}
         moved: set[str] = set()  # conditions between which the ranking changes
         compared = 0
@@ -388,7 +389,7 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
 def _leader_findings(numbers: Numbers) -> Iterator[Finding]:
     """Yield the best method in each metric.
 
-    Datasets with one method that is best in every metric are skipped.
+    If one method is best in every metric of a dataset, the dataset is skipped.
     """
     sentences: list[str] = []
     table = ""
@@ -410,7 +411,7 @@ def _leader_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _find_leaders(numbers: Numbers, dataset: str, condition: str) -> dict[str, list[str]]:
-    """Return the metrics that each method leads, with values.
+    """Return the metrics in which each method is best, with the values.
 
     The result is empty if no image quality was measured.
     """
@@ -465,7 +466,7 @@ def _training_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _speed_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield ratios of frame rates between conditions, and between both tiers of one engine."""
+    """Yield ratios of frame rates between conditions, and between the two tiers of one engine."""
     pairs = dict.fromkeys((key.numerator, key.denominator) for key in numbers.ratios)
     for above, below in (
         ("standard", "dedicated"),
@@ -502,7 +503,7 @@ def _speed_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _describe_cpu(numbers: Numbers, cases: Sequence[_Case], condition: str) -> str:
-    """Return a sentence if frame rates of a condition were measured on a CPU, else ""."""
+    """Return a sentence if frame rates of a condition were measured on a CPU, otherwise ""."""
     rates = [numbers.number(Key(case.dataset, MEAN, case.method, condition, "fps")) for case in cases]
     on_cpu = [any(note.startswith(ON_CPU) for note in rate.notes) for rate in rates]
     if not any(on_cpu):
@@ -511,7 +512,7 @@ def _describe_cpu(numbers: Numbers, cases: Sequence[_Case], condition: str) -> s
 
 
 def _describe_engine_loss(numbers: Numbers, standard: str, dedicated: str) -> str:
-    """Return a sentence on the PSNR loss of Standard against Dedicated, both drawn by one engine."""
+    """Return a sentence on the PSNR loss from Dedicated to Standard. One engine draws both tiers."""
     losses = [
         gaps.port.signed
         for key, gaps in numbers.gaps.items()
@@ -526,7 +527,7 @@ def _describe_engine_loss(numbers: Numbers, standard: str, dedicated: str) -> st
 
 
 def _walk_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield the largest and the smallest flicker on walks, and the largest share of holes."""
+    """Yield the extremes of flicker on camera paths (walks), and the largest fraction of holes."""
 
     def describe_place(key: Key, _: float) -> str:
         return f"{_format_pair(key.dataset, key.method)} ({condition_title(key.condition)})"

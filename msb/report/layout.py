@@ -1,4 +1,4 @@
-"""Arrange numbers in tables: format the numbers, mark the best values, and add rows of the paper."""
+"""Arrange numbers in tables: format the numbers, mark the best values, and add the rows of the paper."""
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,13 +24,13 @@ from msb.report.numbers import (
 )
 from msb.report.table import Table, TableCell, TableColumn, TableRow
 
-# Last label of each row with numbers of the paper.
+# The last label of every row that contains numbers of the paper.
 PAPER_ROW = "in the paper"
 
 
 @dataclass(frozen=True)
 class RowSpec:
-    """A table row without numbers. The numbers are added later.
+    """A row of a table before its numbers are added.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ _TITLES: Mapping[str, Callable[[str], str]] = {
 def titled_row(**of: str) -> RowSpec:
     """Return a row with the given key fields, such as ``condition="standard"``.
 
-    The titles of the fields are the labels of the row.
+    The titles of the key fields are the labels of the row.
     """
     return RowSpec(tuple(_TITLES[name](value) for name, value in of.items()), of)
 
@@ -95,19 +95,19 @@ def make_table(
     ----------
     numbers : Numbers
     paper : Numbers or None
-        The paper's numbers. Below each of our rows with published counterparts, a row shows the published
+        The paper's numbers. Below each of our rows that has published counterparts, a row shows the published
         numbers.
     label, caption, heads
         As in `Table`.
     columns : sequence of TableColumn
     row_specs : iterable of RowSpec
     of : mapping of str to str
-        Fields that all keys share. A column can override these fields, and a row can override the fields of
-        its columns.
+        Fields that all keys share. A column can override these fields. A row can override the fields of its
+        columns.
     best_of : sequence of str
-        Key fields. Numbers with equal values of these fields form a group, separately for each metric. The
-        best value of a group is bold. Numbers of the paper and our numbers are in different groups. Without
-        fields, no value is bold.
+        Key fields. Numbers form a group if they have the same metric and equal values of these fields. The
+        best value of a group is bold. Numbers of the paper and our numbers are in different groups. If no
+        fields are given, no value is bold.
     definitions : tuple of str
         Notes on our measurements. Notes on our measurements are omitted from the paper's own tables.
     notes : tuple of str
@@ -117,8 +117,8 @@ def make_table(
     grid = [(spec, [Key(**{**of, **column.of, **spec.of}) for column in columns]) for spec in row_specs]
     rows = _make_rows(numbers, grid, best_of)
     if paper is not None:
-        # Insert the paper's rows from the last to the first. Inserting a row then does not change the
-        # positions of the rows before it.
+        # Insert the paper's rows from the last to the first. Therefore the positions of earlier rows stay
+        # valid.
         known = [n for n, (_, keys) in enumerate(grid) if any(paper.value(key) is not None for key in keys)]
         paper_rows = _make_rows(paper, [grid[n] for n in known], best_of)
         for n, row in reversed(list(zip(known, paper_rows, strict=True))):
@@ -141,9 +141,9 @@ def number_cell(metric: str, number: Number) -> TableCell:
 def difference_cell(
     metric: str, value: float, *, sign: bool = True, more: int = 0, **parts: Any
 ) -> TableCell:
-    """Return the table cell of a difference in `metric`.
+    """Return the table cell of a difference between two values of `metric`.
 
-    Pass the number of additional decimals as `more`. Further keyword arguments are attributes of the cell.
+    `more` is the number of additional decimals. Further keyword arguments are attributes of the cell.
     """
     definition = METRICS[metric]
     printed = format_digits(value, definition.decimals + more, sign=sign)
@@ -151,13 +151,13 @@ def difference_cell(
 
 
 def _scene_count(parts: Mapping[str, Any]) -> str:
-    """Return " (7/9)" for a mean over 7 of 9 scenes, and "" for a mean over all scenes."""
+    """Return " (7/9)" for a mean over 7 of 9 scenes. For a mean over all scenes, return ""."""
     present, expected = parts.get("present", 1), parts.get("expected", 1)
     return f" ({present}/{expected})" if present < expected else ""
 
 
 def mark_best(cells: Sequence[TableCell], groups: Sequence[Hashable], *, single: bool) -> list[TableCell]:
-    """Return `cells` with the best value of each group and metric in bold.
+    """Return `cells`. The best value of each group and metric is bold.
 
     Values with the same printed text are also bold.
 
@@ -165,11 +165,11 @@ def mark_best(cells: Sequence[TableCell], groups: Sequence[Hashable], *, single:
     ----------
     cells : sequence of TableCell
     groups : sequence of hashable
-        Group of each cell; cells of the group None are never marked.
+        The group of each cell. Cells with the group None are never marked.
     single : bool
         Whether a value is bold if it is the only value of its group.
     """
-    # positions of the compared cells, by (group, metric)
+    # the positions of the compared cells, for each (group, metric)
     rivals: dict[tuple[Hashable, str], list[int]] = {}
     for place, (cell, group) in enumerate(zip(cells, groups, strict=True)):
         if group is not None and cell.value is not None and METRICS[cell.metric].better:
@@ -194,7 +194,7 @@ def _round_as_printed(cell: TableCell) -> float:
 def _make_rows(
     numbers: Numbers, grid: list[tuple[RowSpec, list[Key]]], best_of: Sequence[str]
 ) -> list[TableRow]:
-    """Return the rows of `grid` with their cells. The best values are bold."""
+    """Return the rows of `grid` with their table cells. The best values are bold."""
     keys = [key for _, row_keys in grid for key in row_keys]
     values = [numbers.number(key) for key in keys]
     # A frame rate measured on a CPU is never marked as the best.

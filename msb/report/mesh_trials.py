@@ -55,7 +55,7 @@ def read_task_outcomes(loaded: LoadedResult | None, *, pictures: bool = True) ->
 
 
 def _read_png(loaded: LoadedResult, folder: str, name: str | None) -> str | None:
-    """Return a PNG as an embeddable address, or None for a missing or different file."""
+    """Return a PNG file as a data URI. If the file is missing or was changed, return None."""
     path = None if name is None else loaded.file(f"{folder}/{name}")
     if path is None:
         return None
@@ -75,9 +75,9 @@ class RepairComparison:
     advice : tuple of str
         Recommended repairs as sentences.
     plan : str or None
-        The plan that the first sentence recommends, for `msb repair --plan`.
+        The plan for `msb repair --plan` that the first sentence recommends.
     pictures : tuple of (str, str)
-        Name and image of each strategy that cut edges, or removed or added faces.
+        Name and image of each strategy that cut edges, removed faces or added faces.
     """
 
     table: Table
@@ -87,7 +87,10 @@ class RepairComparison:
 
 
 def read_repairs(loaded: LoadedResult | None) -> RepairComparison | None:
-    """Return the repair strategies in the record of an exported mesh. Without strategies, return None."""
+    """Return the repair strategies in the record of an exported mesh.
+
+    If the record has no strategies, return None.
+    """
     if loaded is None or loaded.result.repairs is None:
         return None
     stored, *others = loaded.result.repairs.succeeded
@@ -112,7 +115,8 @@ def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], st
         All strategies that ran.
     """
     better = [strategy for strategy in others if _grade(strategy) < _grade(stored)]
-    # Recommend the best strategy that changes no pixel, and the best strategy that changes the image.
+    # Recommend the best strategy that changes no pixel. Also recommend the best strategy that changes the
+    # image.
     invisible = min(
         (strategy for strategy in better if strategy.peer is None and strategy.looks.standard.same),
         key=_rank,
@@ -121,7 +125,7 @@ def _advise(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], st
     visible = min(
         (strategy for strategy in better if not strategy.looks.standard.same), key=_rank, default=None
     )
-    # The second strategy is recommended only if its result is better than the result of the first.
+    # The second strategy is recommended only if its result is better than the result of the first strategy.
     sentences, plan = [], None
     if invisible is not None:
         plan = ",".join(invisible.plan)
@@ -148,7 +152,7 @@ def _grade(strategy: Strategy) -> tuple[int, int]:
 
 
 def _rank(strategy: Strategy) -> tuple[tuple[int, int], int]:
-    """Return a sort key: the grade, then the number of components."""
+    """Return a sort key: first the verdict's grade, then the number of components."""
     return _grade(strategy), strategy.components
 
 

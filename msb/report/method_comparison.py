@@ -1,4 +1,4 @@
-"""Compare every method with a chosen method, view by view, with confidence intervals and t tests."""
+"""Compare every method with a chosen method in each view, with confidence intervals and t tests."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -35,13 +35,13 @@ _COLUMNS = (
     TableColumn("Over"),
 )
 _NOTES = (
-    "better by: difference between the two methods, averaged over the common views of each scene and then "
-    "over the scenes; positive if the method of the row is better",
-    "95 % interval: t interval over the means of the scenes, or over the views of a single scene. An "
-    "interval over views applies to that scene only, and is too narrow if neighbouring views are similar",
+    "better by: the difference between the two methods, averaged over the common views of each scene and "
+    "then over the scenes. The difference is positive if the row's method is better",
+    "95 % interval: a t interval over the means of the scenes, or over the views of a single scene. An "
+    "interval over views applies to that scene only. It is too narrow if neighbouring views are similar",
 )
-# If a gap is missing for one of these reasons, the table has no row for the comparison. If the reason is
-# different, the table has a row without a value.
+# If a gap is missing for one of these reasons, the table has no row for the comparison. If a gap is missing
+# for another reason, the table has a row without a value.
 _NO_COMPARISON = ("missing", "failed", "not_measured", "unsupported")
 
 
@@ -56,7 +56,7 @@ class Comparison(NamedTuple):
 
 
 def compare_methods(results: ResultSet, numbers: Numbers, other: str) -> list[Comparison]:
-    """For each dataset, condition and metric, compare every method with the method `other`."""
+    """For each dataset, condition and metric, compare all other methods with the method `other`."""
     methods = sorted({place.method for place in results.places})
     if other not in methods:
         text = f'--against: the results hold no method "{shorten(other, 60)}"; name one of '
@@ -75,7 +75,7 @@ def compare_methods(results: ResultSet, numbers: Numbers, other: str) -> list[Co
 
 def _compute_gap(results: ResultSet, numbers: Numbers, key: Key, other: str) -> Gap:
     """Return the gap between the method `other` and the method at `key`."""
-    # For each scene and method, collect the record under the condition of `key`.
+    # For each scene and method, collect the record for the condition of `key`.
     scenes = numbers.scenes(key.dataset)
     records = {
         scene: {
@@ -91,7 +91,8 @@ def _compute_gap(results: ResultSet, numbers: Numbers, key: Key, other: str) -> 
 
 def comparison_table(comparisons: list[Comparison], numbers: Numbers, other: str) -> Table:
     """Return the table with a row per comparison."""
-    # Collect the p values of all comparisons with a test. Comparisons without a test are not adjusted.
+    # Collect the p values of all comparisons that have a test. If a comparison has no test, its p value is
+    # not adjusted.
     p = {
         n: interval.p
         for n, comparison in enumerate(comparisons)
@@ -123,7 +124,7 @@ def comparison_table(comparisons: list[Comparison], numbers: Numbers, other: str
 def comparison_findings(comparisons: list[Comparison], other: str) -> Iterator[Finding]:
     """Yield a finding on PSNR for each dataset.
 
-    Both tiers are compared, or all conditions if the tiers are missing.
+    If both tiers exist, they are compared, otherwise all conditions are compared.
 
     If several conditions have the same result, one sentence names all of them.
     """
@@ -131,7 +132,8 @@ def comparison_findings(comparisons: list[Comparison], other: str) -> Iterator[F
     for dataset in dict.fromkeys(case.key.dataset for case in cases):
         of_dataset = [case for case in cases if case.key.dataset == dataset]
         tiers = [case for case in of_dataset if case.key.condition in DRAWN_CONDITIONS]
-        # For each result text and its sample (scenes or views), collect the conditions with this result.
+        # For each result text, collect the conditions with this result. Results over scenes and results over
+        # views are collected separately.
         conditions: dict[tuple[str, str], list[str]] = {}
         for case in tiers or of_dataset:
             assert case.gap.interval is not None
@@ -162,7 +164,8 @@ def _describe(comparison: Comparison, other: str) -> str:
         lead = f"{method} {'leads' if better else 'trails'} {other} by {amount} dB"
     parts = []
     if interval.ends is not None:
-        # The printed difference is the absolute value. If the other method is better, negate the interval.
+        # The printed difference is the absolute value. If the other method is better, reverse the sign of the
+        # interval.
         low, high = interval.ends if better else (-interval.ends[1], -interval.ends[0])
         parts.append(f"95 % CI {format_digits(low, 2)} to {format_digits(high, 2)}")
     if interval.p is None:
@@ -197,8 +200,8 @@ def _make_cells(
 def adjust_by_holm(p: list[float]) -> list[float]:
     """Return p values adjusted for multiple tests by Holm's method.
 
-    The smallest of n values is multiplied by n, the next by n - 1, and so on. An adjusted value is at least
-    as large as the value before it.
+    The smallest of n values is multiplied by n, the next by n - 1, and so on. The adjusted values never
+    decrease, so each value is at least as large as its predecessor.
     """
     # Visit the p values in ascending order. `least` is the previous adjusted value.
     adjusted, least = dict.fromkeys(range(len(p)), 0.0), 0.0

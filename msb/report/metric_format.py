@@ -5,18 +5,19 @@ from decimal import ROUND_HALF_UP, Decimal
 from msb.bench.aggregate import METRICS
 from msb.topology.metric_text import format_count, format_metric
 
-# For each unit, pairs of a limit and a number of decimals. A printed value below the limit gets this number
-# of decimals. With the usual decimals, a small value such as 0.04 MiB would be printed as 0.
+# For each unit, pairs of a limit for the value and a number of decimals. If a printed value would be below
+# the limit, it gets this number of decimals. With the usual decimals, a small value such as 0.04 MiB would be
+# printed as 0.
 _SMALL_VALUE_DECIMALS = {"MiB": ((0.1, 2), (10.0, 1)), "min": ((1.0, 2),)}
-# Metrics that are counts. A mean of counts over scenes may be a fraction.
+# Metrics that are counts. The mean of counts over several scenes may be a fraction.
 _COUNTS = ("components", "faces", "tasks")
-# Maximum number of decimals for a printed difference and the two values that it compares.
+# Maximum number of decimals for a printed difference, and for the two values that it compares.
 _MOST_DECIMALS = 6
 _ARROWS = {"higher": " ↑", "lower": " ↓", None: ""}
 
 
 def direction_arrow(metric: str) -> str:
-    """Return " ↑" if higher values of a metric are better, " ↓" if lower values are better, else ""."""
+    """Return " ↑" if higher values of a metric are better, " ↓" if lower values are better, otherwise ""."""
     return _ARROWS[METRICS[metric].better]
 
 
@@ -60,10 +61,10 @@ def format_digits(value: float, decimals: int, *, sign: bool = False) -> str:
 def format_change(change: float, ends: tuple[float, float], decimals: int) -> tuple[str, str, str]:
     """Return a change and its two end values as text.
 
-    Decimals are added until the printed ends differ by the printed change.
+    Decimals are added until the difference of the printed end values equals the printed change.
 
-    If the two end values do not differ by the change, they may be means over other scenes. The change and the
-    ends then get `decimals` decimals.
+    If the difference of the two end values is not equal to the change, they may be means over different
+    scenes. In this case, the change and its end values get `decimals` decimals.
 
     Examples
     --------
@@ -84,7 +85,7 @@ def format_change(change: float, ends: tuple[float, float], decimals: int) -> tu
 
 
 def choose_decimals(metric: str, printed: float) -> int:
-    """Return the number of decimals for the value `printed` in the printed unit."""
+    """Return the number of decimals for `printed`, a value in the printed unit."""
     if metric in _COUNTS and printed < 100 and printed != int(printed):
         return 1
     unit = METRICS[metric].unit

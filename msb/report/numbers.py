@@ -19,24 +19,24 @@ from msb.registry import METHODS
 from msb.report.safe_names import plain_text
 from msb.report.table import NOT_AVAILABLE
 
-# Values of `Key.scene` that denote averages over the scenes of a dataset.
+# Values of `Key.scene` that mean an average over the scenes of a dataset.
 MEAN = "mean"
-# The cost of a single triangle, averaged over the scenes. A single triangle shows the part of a renderer's
-# cost that does not depend on the mesh.
+# The cost of a single triangle, averaged over the scenes. The cost of a single triangle does not depend on
+# the mesh.
 FLOOR = "floor_mean"
-# The heading of each row of averages, by the value of `Key.scene`.
+# The heading of each row of averages. The keys of the mapping are values of `Key.scene`.
 MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean", FLOOR: "Floor"}
 
 # Conditions with images, in the order of decreasing quality: Non-Engine, Dedicated, Standard.
 DRAWN_CONDITIONS = tuple(TIER_OF)
 
-# Image quality metrics. The mapping is filled on first access, because other packages can add metrics.
+# Image quality metrics. The mapping is filled at the first access, because other packages can add metrics.
 QUALITY = IMAGE_METRICS
 # Metrics of the trained model, independent of the renderer. Tables show metrics of the trained model beside
 # the Non-Engine results.
 ASSET_METRICS = ("train_memory", "train_seconds", "chamfer")
-# First words of the note on frame rates measured on a CPU. Frame rates of a CPU depend on the other programs
-# of the machine, so they are never marked as the best.
+# The first words of the note that a frame rate was measured on a CPU. On a CPU, the frame rate depends on
+# other running programs, so it is never marked as the best.
 ON_CPU = "measured on a CPU device"
 
 
@@ -50,7 +50,8 @@ class Key(NamedTuple):
         The name of a scene, or a key of `MEANS`.
     condition : str
         "non_engine", "dedicated", "standard" or "exported_mesh". "dedicated/NAME" is a variant of the
-        dedicated tier, "standard/NAME" the standard tier in another engine, "baked/NAME" a baked mesh.
+        dedicated tier, "standard/NAME" is the standard tier in another engine, and "baked/NAME" is a baked
+        mesh.
     metric : str
         A key of `msb.bench.aggregate.METRICS`.
     source : str
@@ -69,7 +70,8 @@ class Key(NamedTuple):
     def is_of_asset(self) -> bool:
         """Whether the number describes the trained model.
 
-        A number of the trained model can have a condition without images, such as an exported mesh.
+        A number that describes the trained model can have a condition without images, such as an exported
+        mesh.
         """
         return self.metric in ASSET_METRICS
 
@@ -85,7 +87,7 @@ class Number:
     absent : str
         Text printed for a missing value: "N/A" (not supported), "unsteady" or "--".
     reason : str or None
-        Why the value is missing.
+        The reason for a missing value.
     present, expected : int
         The number of averaged scenes, and the number of all scenes.
     notes : tuple of str
@@ -104,11 +106,11 @@ class Number:
 
 
 class GapKey(NamedTuple):
-    """The key of the three quality gaps of a method.
+    """The key of a method's three quality gaps.
 
     `scene` is the name of a scene, or "mean". `standard` and `dedicated` name the two conditions that are
-    compared. By default, the two tiers are compared. `standard` can also be another engine or a bake, and
-    `dedicated` a variant.
+    compared. By default, the two tiers are compared. `standard` can also be another engine or a bake.
+    `dedicated` can also be a variant.
     """
 
     dataset: str
@@ -144,22 +146,23 @@ class RatioKey(NamedTuple):
 
 @dataclass(frozen=True)
 class Numbers:
-    """All numbers of a set of results, or of the paper.
+    """All numbers of a set of results, or all numbers of the paper.
 
     Attributes
     ----------
     values : mapping of Key to Number
-        The numbers in the order of datasets, methods and scenes in all tables.
+        The numbers in table order: by dataset, method and scene.
     gaps, ratios, splits : mappings
         Quality gaps, ratios of frame rates, and parts of quality losses.
     views : mapping of Key to a mapping of str to float
-        The value of each view, for image metrics of single scenes.
+        The value of an image metric in each view of a single scene.
     drawn_by : mapping of str to a mapping of str to str
         The renderer by dataset and condition: "OpenCL", the name of an engine, or "their own code".
     verdicts : mapping of Key to str
-        Audit verdict ("ok", "limited", "bad") of each exported or baked mesh, by keys with the metric "".
+        Audit verdict ("ok", "limited", "bad") of each exported or baked mesh. The keys contain "" in place of
+        a metric.
     of_paper : bool
-        Whether these are the paper's numbers.
+        Whether the numbers are the paper's numbers.
     """
 
     values: Mapping[Key, Number]
@@ -172,7 +175,10 @@ class Numbers:
     of_paper: bool = False
 
     def number(self, key: Key) -> Number:
-        """Return the number at `key`. For an unknown key, the result is a missing number ("--")."""
+        """Return the number at `key`.
+
+        For an unknown key, the result is a missing number with the text "--".
+        """
         return self.values.get(key, Number(None))
 
     def value(self, key: Key) -> float | None:
@@ -190,9 +196,9 @@ class Numbers:
         ----------
         dataset : str
         conditions : str
-            Return only methods with a record of one of these conditions.
+            Only methods with a record of one of these conditions are returned.
         asset_metrics : sequence of str
-            Also return methods with a value of one of these metrics of the trained model.
+            Methods whose trained model has a value of one of these metrics are also returned.
         """
         keys = (
             key
@@ -240,7 +246,7 @@ class Numbers:
 
     @cached_property
     def _keys(self) -> dict[str, list[Key]]:
-        """The keys of all numbers, by dataset."""
+        """For each dataset, the keys of all numbers."""
         keys: dict[str, list[Key]] = {}
         for key in self.values:
             keys.setdefault(key.dataset, []).append(key)
@@ -270,8 +276,9 @@ def select_variants(conditions: Iterable[str], condition: str) -> list[str]:
 def list_gap_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
     """Return all pairs of conditions (standard, dedicated) for quality gaps.
 
-    The two tiers form a pair, and so do Standard and each variant of Dedicated. Each engine and each bake is
-    paired with Dedicated. If one engine draws both tiers, these two conditions also form a pair.
+    The two tiers form a pair. Standard also forms a pair with each variant of Dedicated. Each engine forms a
+    pair with Dedicated. Each bake also forms a pair with Dedicated. If one engine draws both tiers, its two
+    conditions also form a pair.
     """
     variants = select_variants(conditions, "dedicated")
     pairs = [
@@ -286,9 +293,9 @@ def list_gap_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> li
 def list_ratio_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
     """Return all pairs of conditions (standard, dedicated) for ratios of frame rates.
 
-    For an engine that draws both tiers, Dedicated and its variants are paired with Standard of the same
-    engine. If no engine draws both tiers, Dedicated and its variants are paired with the standard tier. Frame
-    rates of two engines are not compared, because they may be measured on different devices.
+    If an engine draws both tiers, its Dedicated condition and variants are paired with its Standard
+    condition. If no engine draws both tiers, Dedicated and its variants are paired with the Standard
+    condition. Frame rates of two engines are not compared, because they may be measured on different devices.
     """
     engines = {drawn_by.get(name): name for name in select_variants(conditions, "standard")}
     dedicated = ("dedicated", *select_variants(conditions, "dedicated"))
@@ -296,7 +303,10 @@ def list_ratio_pairs(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> 
 
 
 def condition_order(condition: str) -> tuple[int, bool]:
-    """Return the sort key of a condition: tiers in the order of `CONDITION_TITLES`, then their variants."""
+    """Return the sort key of a condition.
+
+    Tiers are in the order of `CONDITION_TITLES`, each followed by its variants.
+    """
     tier, slash, _ = condition.partition("/")
     return list(CONDITION_TITLES).index(tier), bool(slash)
 

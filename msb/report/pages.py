@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from msb.report.verdict import Verdict
 
 FORMATS: tuple[ReportFormat, ...] = ("md", "tex", "csv", "json", "html")
-# Maximum size of an embedded film in bytes (4 MiB). Pages link to larger films.
+# Maximum size of an embedded video in bytes (4 MiB). Pages link to larger videos.
 MAX_EMBEDDED_FILM = 4 << 20
 
 
@@ -41,7 +41,7 @@ def report_files(
     topology: Mapping[Place, bytes] | None = None,
     folder: Path | None = None,
 ) -> dict[str, bytes]:
-    """Return the content of every file of the report, by file name.
+    """Return the content of every file of the report. The keys are file names.
 
     Parameters
     ----------
@@ -51,14 +51,14 @@ def report_files(
     topology : mapping of Place to bytes, optional
         The topology diagnostic of each asset, as PNG.
     folder : Path, optional
-        The output folder; links to large films are relative to this folder.
+        The output folder. Links to large videos are relative to this folder.
 
     Notes
     -----
-    ``report.json`` is always written. Other files, by format: ``report.md``, ``figures/*.svg`` and
-    ``images/*.jpg`` (md), ``figures/*.pdf`` and ``figures/topology-*.png`` (tex), ``tables/LABEL.*`` (md,
-    tex, csv, json), ``index.html`` and ``verdict-DATASET-SCENE-METHOD.html`` (html). Pages embed all data
-    except large films.
+    ``report.json`` is always written. The file names depend on the format. Markdown: ``report.md``,
+    ``figures/*.svg`` and ``images/*.jpg``. LaTeX: ``figures/*.pdf`` and ``figures/topology-*.png``. Tables:
+    ``tables/LABEL.*`` (md, tex, csv, json). HTML: ``index.html`` and ``verdict-DATASET-SCENE-METHOD.html``.
+    Pages embed all data except large videos.
     """
     # Write the JSON of the whole report, and all tables in the text formats.
     text = json.dumps(report.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
@@ -91,7 +91,10 @@ def report_files(
 
 
 def _make_grid(report: Report) -> dict[str, Any]:
-    """Return the verdicts by dataset, scene and method for the table of assets. Also return all methods."""
+    """Return the audit verdicts by dataset, scene and method for the table of assets.
+
+    Also return all methods of the tables.
+    """
     datasets: dict[str, dict[str, dict[str, Verdict]]] = {}
     methods: dict[str, None] = {}
     for verdict in report.verdicts:
@@ -134,7 +137,7 @@ def _make_verdict_page(
 
 
 def _find_video(report: Report, place: Place, folder: Path | None) -> dict[str, str] | None:
-    """Return the film of all conditions of an asset, or None if the film does not exist."""
+    """Return the video that shows all conditions of an asset. If the video does not exist, return None."""
     assert report.results is not None
     for root in report.results.roots:
         if film := _embed_film(Results(root).video(*place), root, folder):
@@ -145,7 +148,7 @@ def _find_video(report: Report, place: Place, folder: Path | None) -> dict[str, 
 def _find_walks(
     conditions: Mapping[str, LoadedResult], folder: Path | None
 ) -> list[tuple[str, dict[str, str]]]:
-    """Return title and film of each condition that has a film of a walk beyond the captured views."""
+    """For each condition with a video of its camera path (walk), return the title and the video."""
     return [
         (condition_title(name), film)
         for name, loaded in conditions.items()
@@ -156,9 +159,9 @@ def _find_walks(
 
 
 def _embed_film(path: Path, root: Path, folder: Path | None) -> dict[str, str] | None:
-    """Return a film in the results folder `root` as {"data": address with data} or {"link": relative path}.
+    """Return a video in the results folder `root` as {"data": data URI} or {"link": relative path}.
 
-    Films up to `MAX_EMBEDDED_FILM` bytes are embedded. The result is None if the file does not exist.
+    Videos up to `MAX_EMBEDDED_FILM` bytes are embedded. If the file does not exist, the result is None.
     """
     # ignore an unreadable file, an invalid name, and a file on another drive
     with suppress(OSError, ValueError):

@@ -42,10 +42,11 @@ PAPER_TABLES = (
     "reproducibility_comparison",
 )
 
-# Our name of each method, by the paper's name. Built-in methods are stored last, so they replace methods of
-# other packages with the same paper name.
+# For each method name in the paper, our name of the method. Built-in methods are stored last. If a method of
+# another package has the same paper name, the built-in method replaces it.
 OUR_METHODS = {method.paper_name: name for name, method in reversed([*METHODS.items()]) if method.paper_name}
-# Our metric name (a key of `msb.bench.aggregate.METRICS`), by the paper's name, if the names differ.
+# For each metric name in the paper that differs from ours, our metric name (a key of
+# `msb.bench.aggregate.METRICS`).
 _OUR_METRICS = {
     "gpu_ms_p50": "p50_ms",
     "gpu_ms_p95": "p95_ms",
@@ -62,7 +63,7 @@ ENGINE_MEMORY = (
 )
 
 ENGINE_RENDERING = (
-    "the paper rendered Dedicated with an engine, whereas our Dedicated follows the official code; the "
+    "the paper rendered Dedicated with an engine, but our Dedicated follows the official code. The "
     'comparable condition is a variant with order = "global" and sampling = "engine"'
 )
 PUBLISHED_LPIPS = "LPIPS as published; its network, version or scaling of the images may differ from ours"
@@ -75,7 +76,7 @@ Source = Literal["", "paper", "public", "meshsplatbench"]
 class _PublishedCell(BaseModel):
     """A cell of a published table, with the names and units of the paper.
 
-    `na` is the text that the paper prints for a missing value.
+    `na` is the text that the paper prints in place of a missing value.
     """
 
     model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False, strict=True)
@@ -103,10 +104,10 @@ class _PublishedTable(BaseModel):
 
 
 def paper_numbers(*tables: str) -> Numbers:
-    """Return the numbers of the paper's tables in the paper's order.
+    """Return the numbers of the paper's tables. The order is the paper's order.
 
     `tables` are labels of tables. By default, all tables are read. If two tables contain different numbers
-    for one key, both numbers are kept under different values of `Key.source`.
+    for one key, both numbers are kept. The values of `Key.source` are different for the two numbers.
     """
     values: dict[Key, Number] = {}
     for label in tables or PAPER_TABLES:
@@ -121,14 +122,16 @@ def paper_numbers(*tables: str) -> Numbers:
 
 
 def paper_row(table: str, **where: str) -> dict[str, float]:
-    """Return the printed values of one row of a paper table, by metric. The fields in `where` select the row.
+    """Return the printed values of one row of a paper table. The keys are metrics.
+
+    The fields in `where` select the row.
 
     Parameters
     ----------
     table : str
         Label without its prefix, as in ``paper_tables/mesh_connectivity.json``.
     **where : str
-        Fields of `Key` and the values they must have, such as ``scene="mean"``.
+        The fields of `Key` with their required values, such as ``scene="mean"``.
 
     Returns
     -------
@@ -155,8 +158,8 @@ def methods_in(table: str) -> list[str]:
 def published_numbers(path: str | os.PathLike[str]) -> dict[Key, Number]:
     """Return published numbers from a JSON file with the schema of ``paper_tables/*.json``.
 
-    A file of published values can contain single scenes, which the paper does not print. `Key.source` is
-    "paper" unless the file names another source. Every number has the note of the file.
+    A file of published values can contain single scenes, which are missing in the paper. `Key.source` is
+    "paper" unless the file names another source. The note of the file is added to every number.
     """
     table = validate(_PublishedTable, read_json(path, 1 << 24), file=Path(path), code="RECORD_INVALID")
     notes = () if table.note is None else (table.note,)
@@ -169,7 +172,10 @@ def published_numbers(path: str | os.PathLike[str]) -> dict[Key, Number]:
 
 
 def contradictions() -> dict[str, list[str]]:
-    """Return notes on statements of the paper that contradict one of its tables, by the table's label."""
+    """Return notes on statements of the paper that contradict a table.
+
+    The keys are the labels of the tables.
+    """
     notes: dict[str, list[str]] = json.loads(_read_text("contradictions"))
     return notes
 
@@ -194,7 +200,7 @@ def _convert_cell(cell: _PublishedCell) -> tuple[Key, Number]:
 
 
 def as_in_paper(method: Method) -> Method:
-    """Return the declaration of a method as the paper prints it. The paper draws no Gaussians."""
+    """Return the features of a method as the paper prints them. The paper does not render Gaussians."""
     if method.primitive == "triangle":
         return method
     retained: dict[Tier, Retained] = {
@@ -206,13 +212,13 @@ def as_in_paper(method: Method) -> Method:
 
 
 def _add_notes(key: Key, number: Number) -> Number:
-    """Add notes to a number of the paper that explain why our numbers are not comparable."""
+    """Add notes that explain why a number of the paper is not comparable with our numbers."""
     if number.value is None:
         if key.source != "paper" or number.absent != NOT_AVAILABLE:
             return number
         reason = f"the paper of {method_title(key.method)} reports no results on {dataset_title(key.dataset)}"
         return replace(number, reason=reason)
-    # Mark values that are not comparable with ours: values of another engine, and LPIPS from other sources.
+    # Mark values of other engines and LPIPS from other sources, which are not comparable with our values.
     if key.metric == "memory" and key.condition == "standard":
         return Number(number.value, notes=(ENGINE_MEMORY,))
     if key.condition == "dedicated" and (key.metric in QUALITY or key.metric == "fps"):
@@ -243,7 +249,7 @@ def _compute_gaps(numbers: Numbers) -> dict[GapKey, Gaps]:
 def _compute_ratios(numbers: Numbers) -> dict[RatioKey, Ratio]:
     """Return the ratios of the paper's frame rates.
 
-    If the paper prints single scenes, their ratios are included.
+    If the paper prints values of single scenes, the ratios of these scenes are included.
     """
     ratios = {}
     for above, below in (("standard", "dedicated"), ("dedicated", "non_engine")):

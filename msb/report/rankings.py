@@ -1,4 +1,4 @@
-"""Rank methods by a metric, and find pairs of methods that swap places between two rankings."""
+"""Rank methods by a metric, and find pairs of methods whose order differs between two rankings."""
 
 from itertools import combinations
 
@@ -29,14 +29,14 @@ def rank_methods(numbers: Numbers, dataset: str, condition: str, metric: str) ->
 def rank_common_methods(numbers: Numbers, dataset: str, condition: str, other: str) -> Ranking:
     """Return the PSNR ranking in `condition`.
 
-    Methods without complete averages in both conditions are left out.
+    Methods without complete averages in both conditions are omitted.
     """
     methods = dict(rank_methods(numbers, dataset, other, "psnr"))
     return [item for item in rank_methods(numbers, dataset, condition, "psnr") if item[0] in methods]
 
 
 def is_ahead(metric: str, value: float, other: float) -> bool:
-    """Return whether `value` is better than `other` by at least the last printed digit."""
+    """Return whether `value` is better than `other` by at least one unit of the last printed digit."""
     difference = value - other if METRICS[metric].better == "higher" else other - value
     return difference >= METRICS[metric].last_digit
 
@@ -46,8 +46,8 @@ def find_swaps(
 ) -> list[tuple[str, str]]:
     """Return the pairs of methods whose order differs between two rankings.
 
-    The two methods must differ by at least the last printed digit in both rankings. The metric of the ranking
-    `before` is `metric`, and the metric of the ranking `after` is `after_metric`.
+    In both rankings, the two methods must differ by at least one unit of the last printed digit. The first
+    ranking uses `metric`, and the second ranking uses `after_metric`.
     """
     values = dict(after)
     return [
@@ -60,16 +60,16 @@ def find_swaps(
 def find_most_certain_swap(
     numbers: Numbers, dataset: str, swaps: list[tuple[str, str]], conditions: tuple[str, str]
 ) -> Interval:
-    """Return the t test of the most significant swap among `swaps`.
+    """Return the t test of the most significant pair of methods among `swaps`.
 
-    Two methods are swapped if their order differs between the two conditions.
+    Two methods are a swapped pair if their order differs between the two conditions.
 
-    The difference between the methods of a swap is tested under both conditions. The p value of a swap is the
-    larger p value of both tests. The swap with the smallest p value is returned.
+    For each pair, the difference between the two methods is tested under both conditions. The p value of the
+    pair is the larger p value of these two tests. The pair with the smallest p value is returned.
     """
 
     def p_value(difference: Interval) -> float:
-        # an untested difference gets a value above every p value
+        # if a difference was not tested, its value is larger than every p value
         return 2.0 if difference.p is None else difference.p
 
     def test_difference(pair: tuple[str, str], condition: str) -> Interval:

@@ -62,7 +62,7 @@ class Report:
     def verdicts(self) -> tuple[Verdict, ...]:
         """The verdict on each asset.
 
-        Verdicts are computed on first access, because they compare renderings.
+        Verdicts are computed on first access, because the computation compares renderings.
         """
         if self.results is None:
             return ()
@@ -103,7 +103,7 @@ class Report:
 
 
 def list_places(results: ResultSet, numbers: Numbers) -> list[Place]:
-    """Return the assets in the order of datasets, methods and scenes of the numbers."""
+    """Return the assets in the order of the numbers: by dataset, method and scene."""
     return [
         place
         for dataset in numbers.datasets()

@@ -32,8 +32,8 @@ class LoadedResult:
     # The file of the record, and the results folder that contains it.
     path: Path
     root: Path
-    # The last parts of the folder's path. The text is added to names of models that are otherwise equal. For
-    # a unique name, the text is "".
+    # The last parts of the path of the results folder. If two models have equal names, this text is added to
+    # the names. If the name is unique, the text is "".
     folder: str = ""
 
     @property
@@ -69,7 +69,7 @@ class LoadedResult:
 
 @dataclass(frozen=True)
 class ResultSet:
-    """Records by asset and condition, with notes on mixed records and missing metrics."""
+    """Records by asset and condition. Notes explain differing records and missing metrics."""
 
     places: Mapping[Place, Mapping[str, LoadedResult]]
     notes: tuple[str, ...] = ()
@@ -92,10 +92,11 @@ def read_results(*folders: str | os.PathLike[str], allow_mixed: bool = False) ->
     Parameters
     ----------
     *folders : path-like
-        Folders written by `msb run`. If two folders contain the same cell, the later folder counts.
+        Folders written by `msb run`. If two folders contain the same benchmark cell, the later folder counts.
     allow_mixed : bool
-        Accept records that must not be compared, with a note. With `allow_mixed`, a model with different
-        records in two folders becomes two models. The names of the folders distinguish them.
+        Accept records that must not be compared, and add a note. With `allow_mixed`, a model with different
+        records in two folders becomes two models. The names of the results folders distinguish the two
+        models.
 
     Raises
     ------
@@ -109,7 +110,7 @@ def read_results(*folders: str | os.PathLike[str], allow_mixed: bool = False) ->
 
 
 def result_set(records: Sequence[LoadedResult], *, allow_mixed: bool = False) -> ResultSet:
-    """Return `records` by asset and condition. The errors are those of `read_results`."""
+    """For each asset and condition, return the record. The errors are the errors of `read_results`."""
     conflicts = _find_conflicts(records)
     names = _shorten_folders(records)
     records = [
@@ -155,7 +156,7 @@ def _read_folder(root: Path) -> list[LoadedResult]:
 
 
 def _find_differences(records: Iterable[LoadedResult]) -> Iterator[str]:
-    """Yield differences between records that would appear side by side in tables."""
+    """Yield differences between records that are side by side in tables."""
     identities: dict[str, tuple[object, LoadedResult]] = {}
     of_place: dict[tuple[Place, str], tuple[object, LoadedResult]] = {}
     for loaded in records:
@@ -175,7 +176,7 @@ def _find_differences(records: Iterable[LoadedResult]) -> Iterator[str]:
 
 
 def _find_conflicts(records: Sequence[LoadedResult]) -> dict[Place, str]:
-    """Return the difference between records of one cell in two folders, by dataset and model."""
+    """For each model, return the difference between records of one benchmark cell in two folders."""
     first_records: dict[tuple[str, ...], LoadedResult] = {}
     conflicts: dict[Place, str] = {}
     names = _shorten_folders(records)
@@ -192,7 +193,7 @@ def _find_conflicts(records: Sequence[LoadedResult]) -> dict[Place, str]:
 
 
 def _collect_cell_facts(result: Result) -> dict[str, object]:
-    """Return the properties that must be equal in two records of one cell."""
+    """Return the properties that must be equal in two records of the same benchmark cell."""
     facts: dict[str, object] = {}
     if result.renderer is not None:
         facts["settings"] = result.renderer.settings
@@ -214,7 +215,7 @@ def _shorten_folders(records: Iterable[LoadedResult]) -> dict[Path, str]:
 def _collect_asset_facts(result: Result) -> dict[str, object]:
     """Return the properties that must be equal in all conditions of an asset.
 
-    Settings of variants may differ.
+    Variants may have different settings.
     """
     facts: dict[str, object] = {}
     if result.setup is not None:

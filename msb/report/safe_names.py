@@ -4,7 +4,7 @@ import hashlib
 import re
 import unicodedata
 
-# Maximum length of the readable part of a slug, in characters. File systems allow names of 255 bytes, and the
+# Maximum length of the readable part of a slug, in characters. File systems allow names of 255 bytes. The
 # file name of a verdict page contains three slugs.
 _MAX_SLUG_LENGTH = 60
 
@@ -12,7 +12,8 @@ _MAX_SLUG_LENGTH = 60
 def slug(name: str) -> str:
     """Return a file name or anchor for `name`: letters, digits, "_" and "." only.
 
-    A name with other characters gets a hash at its end, so that different names have different slugs.
+    If a name has other characters, a hash is added at its end, so that different names give different
+    results.
 
     Examples
     --------

@@ -11,9 +11,9 @@ from msb.bench.intervals import Interval
 from msb.metrics.registry import IMAGE_METRICS
 
 SCHEMA = "msb.table/1"
-# Texts of table cells without a value: the condition is not supported, or the value is missing or undefined.
+# Texts of table cells without a value. The condition is not supported, or the value is missing or undefined.
 NOT_SUPPORTED, NOT_AVAILABLE = "N/A", "--"
-# Text for a frame rate whose rounds differ too much.
+# Text of a table cell whose frame rate differs too much between timing rounds.
 UNSTEADY = "unsteady"
 
 
@@ -26,11 +26,11 @@ class TableCell:
     text : str
         The printed text without footnote marks, such as "22.51 (7/9)", "N/A", "--" or "yes".
     value : float, bool, str or None
-        The unrounded value in `unit`; None for "N/A" and "--".
+        The unrounded value in `unit`. The value is None for "N/A" and "--".
     metric, unit : str
-        Metric and unit; empty if the value is not a measurement.
+        Metric and unit. Metric and unit are empty if the value is not a measurement.
     bold : bool
-        Whether the value is printed bold, usually because it is the best of its group.
+        Whether the value is printed bold. Usually, bold marks the best value of a group.
     reason : str or None
         Why the value is missing.
     notes : tuple of str
@@ -54,7 +54,7 @@ class TableCell:
 
     @property
     def footnotes(self) -> tuple[str, ...]:
-        """The notes of this cell, after the reason for a missing value."""
+        """The notes of this table cell. If the value is missing, the first note is the reason."""
         return self.notes if self.reason is None else (self.reason, *self.notes)
 
     @property
@@ -88,11 +88,12 @@ class TableColumn:
     title : str
         The heading directly above the values.
     groups : tuple of str
-        Headings above the title, outermost first. Neighbouring columns with equal headings share a heading.
+        The headings above the title, starting with the top heading. Neighbouring columns with equal headings
+        share one printed heading.
     of : mapping of str to str
         Fields that the column adds to the `Key` of each of its numbers.
     filters : bool
-        Whether the page offers a list that filters rows by this column.
+        Whether the page has a list that filters rows by this column.
     """
 
     title: str
@@ -102,7 +103,7 @@ class TableColumn:
 
     @property
     def full_title(self) -> str:
-        """The title with the headings above it."""
+        """The title, preceded by the headings above it."""
         return " ".join((*self.groups, self.title))
 
 
@@ -113,15 +114,15 @@ class TableRow:
     Attributes
     ----------
     labels : tuple of str
-        One label per entry of `Table.heads`.
+        One label for each entry of `Table.heads`.
     cells : tuple of TableCell
-        One cell per column.
+        One table cell for each column.
     section : str
-        Heading above this row and its neighbours.
+        Heading above this row and above its neighbours.
     strong : bool
         Whether the row contains means.
     paper : bool
-        Whether the row contains the paper's numbers, which are printed below ours.
+        Whether the row contains the paper's numbers. The paper's rows are printed below ours.
     """
 
     labels: tuple[str, ...]
@@ -148,18 +149,18 @@ class Table:
         return max((len(column.groups) for column in self.columns), default=0)
 
     def spans(self, level: int) -> list[tuple[str, int]]:
-        """Return the headings of a level from left to right.
+        """Return the headings of one level from left to right.
 
-        Each heading has the number of columns below it.
+        Each heading is returned with the number of columns below it.
         """
-        # Do not merge equal headings that are below different headings.
+        # Do not merge equal headings if the headings above them differ.
         paths = (column.groups[: level + 1] if level < len(column.groups) else () for column in self.columns)
         return [(path[-1] if path else "", len(list(columns))) for path, columns in groupby(paths)]
 
     def blocks(self) -> list[tuple[str, list[TableRow]]]:
-        """Return the rows in blocks.
+        """Return the rows in blocks with a common heading.
 
-        The heading of a block is composed of the section and all labels except the last label.
+        The heading of a block consists of the section and all labels except the last label.
         """
 
         def heading(row: TableRow) -> str:
@@ -177,7 +178,7 @@ class Table:
         return several and all(len({cell.metric for cell in cells}) <= 1 for cells in blocks)
 
     def footnotes(self) -> dict[str, str]:
-        """Return the mark of each footnote ("a" to "z", then "aa") in reading order."""
+        """Return the mark of each footnote in reading order: "a" to "z", then "aa"."""
         texts = dict.fromkeys(note for row in self.rows for cell in row.cells for note in cell.footnotes)
         return {note: _letters(number) for number, note in enumerate(texts)}
 
@@ -228,7 +229,7 @@ class Table:
 
 
 def _letters(number: int) -> str:
-    """Return the footnote mark with index `number`: "a" to "z", "aa", "ab", ..."""
+    """Return the mark of the footnote with index `number`: "a" to "z", "aa", "ab", ..."""
     name = ""
     number += 1
     while number:

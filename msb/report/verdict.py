@@ -22,7 +22,8 @@ from msb.report.table import NOT_SUPPORTED
 
 Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN", "NOTE"]
 
-# Minimum PSNR in dB of native renderings against the photographs, so that they can serve as a reference.
+# Minimum PSNR in dB of native renderings against the photographs. Native renderings with a lower PSNR cannot
+# serve as a reference.
 MIN_NATIVE_PSNR = 15.0
 # Minimum PSNR in dB between two renderings for each verdict, with the verdict's mark and text.
 _SIMILARITIES: tuple[tuple[float, Mark, str], ...] = (
@@ -40,7 +41,7 @@ _LOSSES: tuple[tuple[float, Mark, str], ...] = (
 # Maximum P95 of the frame time, in milliseconds, for 60 and for 30 frames per second.
 SMOOTH_MS, USABLE_MS = 1000 / 60, 1000 / 30
 # Maximum number of views on which the renderings of two conditions are compared. The compared views are
-# evenly spread over all views. A comparison of more views would take minutes for a complete benchmark.
+# evenly spread over all views. A comparison of more views would take minutes in a complete benchmark.
 _MAX_VIEWS = 8
 _LEVELS: dict[str, Mark] = {"ok": "YES", "limited": "WITH CARE", "bad": "NO"}
 
@@ -49,7 +50,7 @@ _LEVELS: dict[str, Mark] = {"ok": "YES", "limited": "WITH CARE", "bad": "NO"}
 class Statement:
     """A judgement on the suitability of an asset for one use.
 
-    `why` gives the reason with its number. `short` is a short name of the use, for tables.
+    `why` explains the judgement and contains the measured number. `short` is the name of the use in tables.
     """
 
     mark: Mark
@@ -77,9 +78,9 @@ class Verdict:
         return f"{method_title(method)} on {scene_title(scene)} ({dataset_title(dataset)})"
 
     def marks(self) -> list[tuple[Mark, list[str]]]:
-        """Return each mark with its uses, the worst mark first.
+        """Return each mark with its uses. The worst mark comes first.
 
-        If all uses have the same mark, return ["all"].
+        If all uses have the same mark, the list of uses is ["all"].
 
         Uses without a mark (notes) are left out.
         """
@@ -104,7 +105,7 @@ def judge(place: Place, loaded: Mapping[str, LoadedResult], numbers: Numbers) ->
     variants = [name for name in numbers.variants(place.dataset, "dedicated") if name in records]
     dedicated = ["dedicated", *variants]
     bakes = [name for name in numbers.variants(place.dataset, BAKED) if name in records]
-    # Describe the use of an asset that the renderings of each condition represent.
+    # Describe the use that each condition with renderings represents.
     uses = {"standard": "Standard-tier mesh, any engine"}
     uses |= {name: f"Model with its native shaders ({condition_title(name)})" for name in dedicated}
     uses |= {name: f"Baked mesh, any engine ({plain_text(name.partition('/')[2])})" for name in bakes}
@@ -131,10 +132,10 @@ def judge(place: Place, loaded: Mapping[str, LoadedResult], numbers: Numbers) ->
 def _judge_appearance(
     place: Place, numbers: Numbers, condition: str, use: str, loaded: Mapping[str, LoadedResult]
 ) -> Statement:
-    """Compare the renderings of a condition with the native renderings, and judge their PSNR.
+    """Compare the renderings of a condition with the native renderings, and judge the PSNR between them.
 
-    If files are missing, the difference of PSNR against the photographs is used instead. Without native
-    renderings, Standard is compared with Dedicated.
+    If image files are missing, the difference in PSNR against the photographs is used. Without native
+    renderings, the Standard condition is compared with the Dedicated condition.
     """
     number = numbers.number(Key(*place, condition, "psnr"))
     if number.value is None:
@@ -143,8 +144,8 @@ def _judge_appearance(
             return Statement("NO", use, f"Not supported: {reason}.")
         return Statement("UNKNOWN", use, f"{_capitalize(reason)}.")
 
-    # Find the reference renderings. Use native renderings if possible. If native renderings are missing,
-    # compare Standard with Dedicated.
+    # Find the reference renderings. Use native renderings as the reference if they are comparable. If native
+    # renderings are missing, compare the Standard condition with the Dedicated condition.
     tier = "dedicated" if condition.startswith("dedicated") else "standard"
     gaps = numbers.gaps.get(GapKey(*place, "psnr", **{tier: condition}))
     gap = None if gaps is None else gaps["deploy" if tier == "standard" else "adapt"]
@@ -168,8 +169,8 @@ def _judge_appearance(
         text = f"{low}, which is too low for a comparison. This condition has {number.value:.2f} dB.{remark}"
         return Statement("UNKNOWN", use, text)
 
-    # Compare the two sets of renderings directly. If files are missing, compare their PSNR against the
-    # photographs.
+    # Compare the two sets of renderings directly. If image files are missing, compare the PSNR of both
+    # conditions against the photographs.
     change = f"PSNR against the photographs {_describe_change(gap.signed, before.value, number.value)}"
     similarity = measure_similarity(loaded[start], loaded[condition])
     if similarity is None:
@@ -201,7 +202,7 @@ def _judge_speed(condition: str, record: Result) -> Statement:
         reason = record.reasons.get("timing") or record.reason
         return Statement("UNKNOWN", use, f"Not timed{f': {reason.message}' if reason else ''}.")
     if not timing.has_device_times:
-        return Statement("UNKNOWN", use, "The renderer reports no device times.")
+        return Statement("UNKNOWN", use, "The renderer does not measure device times.")
     longest = _format_milliseconds(timing.p95_ms)
     unsteady = why_unsteady(record) is not None
     rate = "unsteady frame rate" if unsteady else f"{timing.fps:.0f} frames per second on average"
@@ -254,7 +255,7 @@ def _judge_bake(condition: str, record: Result) -> Statement:
 
 
 def _make_notes(place: Place, numbers: Numbers, records: Mapping[str, Result]) -> Iterator[Statement]:
-    """Yield notes on training, memory, size and accuracy. The notes have no mark."""
+    """Yield notes on training, memory, size and accuracy. Notes are judgements without a mark."""
     texts = dict.fromkeys(text for record in records.values() for text in record.trained)
     if texts:
         yield Statement("NOTE", "Training", f"{_capitalize('; '.join(texts))}.")
@@ -281,7 +282,10 @@ def _capitalize(sentence: str) -> str:
 
 
 class Similarity(NamedTuple):
-    """The mean PSNR in dB between two sets of renderings. `views` of the `of` common views were compared."""
+    """The mean PSNR in dB between two sets of renderings.
+
+    The comparison uses `views` of the `of` common views.
+    """
 
     psnr: float
     views: int
@@ -291,9 +295,9 @@ class Similarity(NamedTuple):
 def measure_similarity(first: LoadedResult, second: LoadedResult) -> Similarity | None:
     """Return the PSNR between the renderings of two records.
 
-    If files are missing or have changed, return None.
+    If image files are missing or have changed, return None.
 
-    The PSNR of a view is capped at 100 dB, the value for equal images.
+    The PSNR of a view is at most 100 dB, which is the value for equal images.
     """
     others = {image.name: image for image in second.images}
     pairs = [(image, others[image.name]) for image in first.images if image.name in others]
@@ -310,7 +314,7 @@ def measure_similarity(first: LoadedResult, second: LoadedResult) -> Similarity 
 def _compare_images(
     first: LoadedResult, second: LoadedResult, image: ImageQuality, other: ImageQuality
 ) -> float | None:
-    """Return the PSNR in dB between an image of each record, or None."""
+    """Compare one image of each record, and return the PSNR in dB. If this is impossible, return None."""
     if image.sha256 == other.sha256:
         return PSNR_CAP
     files = first.file(image.file), second.file(other.file)

@@ -20,8 +20,8 @@ from msb.report.table import NOT_AVAILABLE, Table, TableCell
 TableFormat = Literal["md", "tex", "csv", "json"]
 ReportFormat = TableFormat | Literal["html"]
 
-# The LaTeX code that prints each special character. Escape brackets, because LaTeX reads a bracket after
-# ``\\`` as an argument.
+# For each special character, the LaTeX code that prints it. Escape brackets, because LaTeX reads a bracket
+# after ``\\`` as an argument.
 _LATEX = {
     "\\": r"\textbackslash{}",
     "{": r"\{",
@@ -53,7 +53,7 @@ def to_markdown(table: Table) -> str:
     lines = [f"**{escape_markdown(table.caption)}**", "", _markdown_line(heads), aligned]
     section = ""
     for row in table.rows:
-        # A section heading is a separate row.
+        # Each section heading is printed as a separate row.
         if row.section and row.section != section:
             lines.append(_markdown_line([f"*{escape_markdown(row.section)}*"] + [""] * (len(heads) - 1)))
         section = row.section
@@ -116,7 +116,7 @@ def to_json(table: Table) -> str:
     return json.dumps(table.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
-# The writer of a table for each file extension.
+# For each file extension, the function that writes a table.
 WRITERS: dict[TableFormat, Callable[[Table], str]] = {
     "md": to_markdown,
     "tex": to_latex,
@@ -178,7 +178,7 @@ def _without_empty_columns(table: Table) -> Table:
 def _latex_headings(table: Table) -> list[str]:
     """Return the header lines of a table.
 
-    Each level of headings has a rule below it, and the titles come last.
+    A rule is drawn below each level of headings. The titles come last.
     """
     lines = []
     first = len(table.heads) + 1
@@ -196,7 +196,7 @@ def _latex_headings(table: Table) -> list[str]:
 
 
 def _latex_rows(table: Table, marks: dict[str, str]) -> list[str]:
-    """Return the lines of all rows. Labels that repeat the row above are left blank."""
+    """Return the lines of all rows. If a label repeats the label in the row above, it is left blank."""
     lines: list[str] = []
     width = len(table.heads) + len(table.columns)
     section = ""

@@ -21,17 +21,17 @@ from msb.scenes.poses import MAX_COORDINATE, look_at_pose
 _FOV_Y = math.radians(40)
 # Vertical field of view of cameras inside an asset, in radians.
 _FOV_INSIDE = math.radians(60)
-# Share of the faces to ignore at each end of an axis when the dense region is searched.
+# Fraction of the faces that the search for the dense region ignores at each end of an axis.
 _LEAST = 0.02
-# Largest number of faces that are examined. An asset with more faces is sampled. A surface of few faces may
-# then be missed.
+# Largest number of faces that are examined. If an asset has more faces, a sample of the faces is examined.
+# The sample may miss a surface of few faces.
 _SAMPLES = 200_000
-# If the ratio of two distances is larger, `is_surrounded` returns True. In tests, the ratio was 4 to 6 for
-# captures with a background, and 0.7 to 1.5 for objects and empty rooms.
+# If the ratio of the two median distances is larger, `is_surrounded` returns True. In tests, the ratio was 4
+# to 6 for captures with a background, and 0.7 to 1.5 for objects and empty rooms.
 _SURROUNDED = 2.5
-# Distance of a turntable camera, relative to the distance of a camera whose image the bounding sphere fills.
+# Distance of a turntable camera. The unit is the distance at which the bounding sphere fills the image.
 _MARGIN = 1.05
-# Largest aspect ratio of images of a box, and ratio between the size of the image and the size of the box.
+# Largest aspect ratio for images of a box, and the image size divided by the box size.
 _MAX_RATIO, _BOX_MARGIN = 2.0, 1.1
 # Default elevation of a turntable's cameras above the horizon, in degrees.
 ELEVATION = 20.0
@@ -48,9 +48,9 @@ def make_turntable(
 ) -> list[Camera]:
     """Return `count` turntable cameras around the asset, at `elevation` degrees above the horizon.
 
-    `up` is the axis of the turntable, such as "+y". The default is the asset's `up_axis`. Pass the visible
-    part as `framing`. The default is all faces except far outliers. Raise CAMERA_PATH if the asset is too
-    large or too far away for cameras.
+    `up` is the axis of the turntable, such as "+y". The default is the asset's `up_axis`. `framing` is the
+    visible part of the asset. The default is all faces except far outliers. Raise CAMERA_PATH if the asset is
+    too large or too far away for cameras.
     """
     sphere = framing or find_framing(asset)
     vector = _vector(up or up_axis(asset))
@@ -79,9 +79,9 @@ def make_rings(
     pixels: int,
     up: str | None = None,
 ) -> list[Camera]:
-    """Return rings of cameras. The framed box fills the image of each camera.
+    """Return rings of cameras. The framed box fills each image.
 
-    `rings` lists the elevation in degrees and the number of cameras of each ring. Images have about `pixels`
+    `rings` lists the elevation in degrees and the number of cameras for each ring. Images have about `pixels`
     pixels and the aspect ratio of the box.
     """
     axis = up or up_axis(asset)
@@ -90,7 +90,7 @@ def make_rings(
     upright = "xyz".index(axis[1])
     tall = float(half[upright])
     wide = float(np.linalg.norm(np.delete(half, upright)))
-    # The image has the aspect ratio of the box, within limits. The distance of the camera depends on the
+    # The image has the aspect ratio of the box, within limits. The distance of the camera is chosen for the
     # narrow side of the image.
     ratio = min(max(wide / tall, 1 / _MAX_RATIO), _MAX_RATIO)
     height = round(math.sqrt(pixels / ratio))
@@ -127,7 +127,8 @@ def _check_reach(asset: Asset, sphere: Framing, distance: float) -> None:
 
 
 class Bulk(NamedTuple):
-    """The region with most faces of an asset. The region is computed in float64 from a sample of the faces.
+    """The region that contains most faces of an asset. The region is computed in float64 from a sample of the
+    faces.
 
     Outliers are ignored.
     """
@@ -141,7 +142,10 @@ class Bulk(NamedTuple):
 
 
 def find_bulk(asset: Asset, framing: Framing) -> Bulk:
-    """Return the region that contains most of an asset's framed faces. Large assets are sampled evenly."""
+    """Return the region that contains most of an asset's framed faces.
+
+    Large assets are represented by an evenly spread sample of faces.
+    """
     faces = asset.buffers["indices"]
     if framing.framed is not None:
         faces = faces[framing.framed]
@@ -154,11 +158,11 @@ def find_bulk(asset: Asset, framing: Framing) -> Bulk:
 def place_inside(
     asset: Asset, framing: Framing, bulk: Bulk, outside: Iterable[Camera], up: str | None = None
 ) -> list[Camera]:
-    """Return cameras inside an asset, halfway between its middle and the surrounding faces.
+    """Return cameras inside an asset. Each camera is halfway between the middle and the surrounding faces.
 
     The cameras `outside` look at the framed part of the asset. For each camera in `outside`, the result has a
-    camera on the same side and with the same image size. Each inner camera looks through the middle to the
-    opposite side. If most of the asset is flat, the result is empty.
+    camera on the same side with an image of the same size. Each inner camera is placed on one side and looks
+    through the middle to the opposite side. If most of the asset is flat, the result is empty.
     """
     low, middle, high = bulk.low, bulk.middle, bulk.high
     if not (low < middle).all() or not (middle < high).all():
@@ -166,8 +170,8 @@ def place_inside(
     vector = _vector(up or up_axis(asset))
     cameras, origin = [], np.asarray(asset.manifest.origin)
     for camera in outside:
-        # Follow the ray from the middle in the direction `away`. Compute the point where the ray leaves the
-        # box around most faces, for each axis.
+        # Follow the ray from the middle in the direction `away`. For each axis, compute the point where the
+        # ray leaves the box around most faces.
         away = camera.relative_to(origin).center - framing.center
         reach = np.where(away > 0, high - middle, middle - low) / np.maximum(np.abs(away), 1e-300)
         eye = middle + 0.5 * reach.min() * away
@@ -180,15 +184,15 @@ def place_inside(
 def is_surrounded(bulk: Bulk) -> bool:
     """Return whether a few large faces surround many small faces, like walls or hills in a capture.
 
-    Large surrounding faces affect the area-weighted median of the distance, but hardly the median over the
-    faces.
+    The area-weighted median distance depends on large surrounding faces. The median over the faces hardly
+    depends on large surrounding faces.
     """
     middles = bulk.corners.mean(axis=1)
     kept = ((bulk.low <= middles) & (middles <= bulk.high)).all(axis=1)
     sides = bulk.corners[kept, 1:] - bulk.corners[kept, :1]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     away = np.linalg.norm(middles[kept] - bulk.middle, axis=1)
-    # Compute the median distance from the middle, once weighted by area and once over the faces.
+    # Compute two median distances from the middle: weighted by area, and with equal weights for all faces.
     order = np.argsort(away)
     total = np.cumsum(area[order])
     if not total.size or not np.isfinite(total[-1]):

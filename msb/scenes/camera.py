@@ -34,7 +34,7 @@ class Camera:
     """A pinhole camera: x_camera = W x_world, then u = fx x / z + cx, v = fy y / z + cy.
 
     Axes follow OpenCV: x right, y down, z forward. Pixel (0, 0) has its centre at u, v = (0.5, 0.5). The
-    image spans u in [0, width] and v in [0, height].
+    The image spans u in [0, width] and v in [0, height].
 
     Parameters
     ----------
@@ -53,13 +53,12 @@ class Camera:
     image_path : Path, optional
         The path of the photograph in the dataset; the file may be missing.
     source_size : (int, int), optional
-        The recorded image width and height, if they differ from this camera's size.
+        The recorded image width and height, if this camera has another size.
     split : {"train", "val", "test"}, optional
-        The part of the dataset that the camera belongs to, if the dataset states it.
+        The part of the dataset that contains the camera, if the dataset states it.
     unit : float
-        The length in the world that counts as depth 1 in renderers. The near plane of the standard tier is at
-        depth 0.01. The unit is 1, except for cameras around very small or large objects
-        (`msb.scenes.turntable`).
+        The world length that renderers use as depth 1. The near plane of the standard tier is at depth 0.01.
+        The unit is 1, except for cameras around very small or large objects (`msb.scenes.turntable`).
     distortion : Distortion, optional
         The distortion of the lens that took the photograph at `image_path`. Projection and renderers ignore
         the distortion. Photographs are undistorted by `msb.scenes.lenses`.
@@ -97,7 +96,7 @@ class Camera:
         pose = check_pose(self.world_to_camera, "world_to_camera")
         pose.setflags(write=False)
         values: dict[str, Any] = {"width": width, "height": height, "world_to_camera": pose}
-        # Convert all values to Python numbers. Cameras can then be compared and written as JSON.
+        # Convert all values to Python numbers. Python numbers can be compared and written as JSON.
         values |= {key: check_pixels(key, getattr(self, key), MIN_FOCAL) for key in ("fx", "fy")}
         values |= {key: check_pixels(key, getattr(self, key)) for key in ("cx", "cy")}
         if self.name is not None:
@@ -201,7 +200,7 @@ class Camera:
     def resized(self, width: int, height: int) -> Camera:
         """Return this camera with an image of another size.
 
-        Each axis is scaled separately, so the angles of view stay the same. The old size is stored as
+        Each axis is scaled separately, so the angles of view do not change. The old size is stored as
         `source_size`, unless the camera already has a `source_size`.
         """
         width, height = check_size((width, height))
@@ -220,10 +219,11 @@ class Camera:
         )
 
     def scaled(self, factor: float) -> Camera:
-        """Return the camera for the same image scaled by `factor`. Sides are rounded half up to whole pixels.
+        """Return the camera for the same image scaled by `factor`. Image sides are rounded to whole pixels,
+        and halves are rounded up.
 
         Focal lengths and principal point follow the rounded size. Datasets round sizes in different ways. If
-        the image exists, pass its size to `resized` instead.
+        the image exists, pass its size to `resized` instead of a factor.
         """
         if not 0 < factor <= MAX_SIDE:
             text = f"the scale factor is {factor}; it must be positive and at most {MAX_SIDE}"

@@ -47,6 +47,6 @@ def _camera(node: Node, name: str) -> Camera:
             node["fy"].number(),
             width / 2,
             height / 2,
-            invert_pose(pose, "the camera-to-world matrix of position and rotation"),
+            invert_pose(pose, "the camera-to-world matrix from position and rotation"),
             name,
         )

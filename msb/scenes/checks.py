@@ -16,8 +16,8 @@ SPLITS: tuple[str, ...] = get_args(Split)
 MAX_SIDE = 65535
 # Largest number of pixels of an image, which take 3 GiB as float32 RGB.
 MAX_PIXELS = 1 << 28
-# Smallest and largest focal length in pixels. Outside this range, the field of view is 180 or 0 degrees in
-# float32.
+# Smallest and largest focal length in pixels. Outside this range, the field of view in float32 is 0 or 180
+# degrees.
 MIN_FOCAL, MAX_FOCAL = 1e-9, 1e9
 # Longest name of a camera, in characters.
 MAX_NAME = 1024
@@ -69,7 +69,7 @@ def focal_from_fov(angle: float | None, side: int, what: str) -> float:
 def check_name(name: str) -> None:
     """Check that `name` is a valid relative file name on every system.
 
-    Camera names from files become names of output files, so they must not point outside a folder.
+    Camera names from files become names of output files. Therefore a name must not point outside a folder.
     """
     if not 0 < len(name) <= MAX_NAME:
         text = f"the name is {_abbreviated(name)}; it must be text of 1 to {MAX_NAME} characters"

@@ -22,11 +22,11 @@ from msb.scenes.poses import rotation_from_quaternion
 from msb.scenes.source import Source
 
 _Record = TypeVar("_Record", "Lens", "Shot")
-# The reader of each format, by the suffix of its files. The binary format is preferred, as in the 3DGS
+# For each suffix of the files, the reader of the format. The binary format is preferred, as in the 3DGS
 # family.
 _FORMS: dict[str, ModuleType] = {".bin": colmap_binary, ".txt": colmap_text}
 
-# Largest number of cameras of a model. A camera takes about 0.5 kB of memory and 60 microseconds. A malicious
+# Largest number of cameras of a model. A camera needs about 0.5 kB of memory and 60 microseconds. A malicious
 # file can declare a camera in 73 bytes.
 MAX_CAMERAS = 1 << 20
 # Smallest accepted length of a quaternion. COLMAP writes unit quaternions. The direction of a much shorter
@@ -35,7 +35,7 @@ MIN_QUATERNION = 1e-9
 
 
 def find_model(folder: Path) -> Path | None:
-    """Return the folder of a scene's COLMAP model, or None if it has no model.
+    """Return the folder of a scene's COLMAP model. If the scene has no model, return None.
 
     The folder itself is searched first, then the numbered models in `sparse`, and then `sparse`. The numbered
     model with the most images is used. COLMAP numbers the models in `sparse`: 0, 1, ... If several models
@@ -49,7 +49,10 @@ def find_model(folder: Path) -> Path | None:
 
 
 def list_models(folder: Path) -> list[Path]:
-    """Return the numbered models in the folder `sparse` of a scene, the one with the most images first."""
+    """Return the numbered models in the folder `sparse` of a scene.
+
+    The model with the most images comes first.
+    """
     try:
         numbered = [child for child in (folder / "sparse").iterdir() if child.name.isascii()]
     except OSError:
@@ -62,7 +65,7 @@ def list_models(folder: Path) -> list[Path]:
 def count_images(model: Path) -> int:
     """Return the number of images of a model without reading the images.
 
-    For a missing or damaged file, the result is 0.
+    If a file is missing or damaged, the result is 0.
     """
     with contextlib.suppress(MsbError):
         for suffix, form in _FORMS.items():
@@ -116,8 +119,8 @@ def read_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDAr
     Parameters
     ----------
     path : str or Path
-        points3D.bin, points3D.txt, the folder that contains one of them (.bin is preferred), or a scene's
-        folder with `sparse/0` or `sparse`.
+        The path of points3D.bin or points3D.txt, or the folder that contains one of these files (.bin is
+        preferred), or a scene's folder with `sparse/0` or `sparse`.
 
     Returns
     -------
@@ -147,7 +150,7 @@ def read_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDAr
 
 
 def _find_suffix(folder: Path, parts: tuple[str, ...]) -> str:
-    """Return the suffix of a format if the folder contains all files `parts` in this format."""
+    """If the folder contains all files `parts` in one format, return the suffix of this format."""
     for suffix in _FORMS:
         if all(is_file(folder / f"{part}{suffix}") for part in parts):
             return suffix

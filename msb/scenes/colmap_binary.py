@@ -26,12 +26,12 @@ _POINT = struct.Struct("<Q3d3BdQ")
 _POINT_TRACK_LENGTH = _POINT.size - _COUNT.size
 _TRACK_ELEMENT = struct.Struct("<ii").size
 _POINT_2D = struct.Struct("<ddq").size
-# Number of points that are gathered at once, to limit temporary memory.
+# Number of points that are read at once, to limit temporary memory.
 _POINTS_AT_A_TIME = 1 << 14
 
 
 class _Cursor:
-    """A read position in a binary file. The position never moves past the end of the file."""
+    """A position for reading in a binary file. The position never moves past the end of the file."""
 
     def __init__(self, source: Source) -> None:
         self.source = source
@@ -57,7 +57,7 @@ class _Cursor:
         return int(count)
 
     def take(self, layout: struct.Struct, what: str) -> tuple[Any, ...]:
-        """Return the values of a record with this layout and move past it."""
+        """Return the values of a record with this layout, and move the position to the end of the record."""
         start = self.skip(layout.size, what)
         return layout.unpack_from(self.source.data, start)
 
@@ -71,7 +71,7 @@ class _Cursor:
         return start
 
     def finish(self) -> None:
-        """Raise an error if bytes are left."""
+        """If bytes are left, raise an error."""
         if self.at < self.size:
             text = f"{self.size - self.at} bytes follow the last declared record"
             raise self.source.error("COLMAP_INVALID", text, pointer=self.pointer)
@@ -97,7 +97,7 @@ def count_shots(source: Source) -> int:
 
 
 def read_shots(source: Source) -> Iterator[Shot]:
-    """Yield the records of images.bin, without the 2D points."""
+    """Yield the records of images.bin. The 2D points are skipped."""
     cursor = _Cursor(source)
     for index in range(cursor.count("images", _SHOT.size + 1 + _COUNT.size)):
         pointer, what = cursor.pointer, f"image {index}"
@@ -117,8 +117,8 @@ def read_shots(source: Source) -> Iterator[Shot]:
 def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """Return the positions and colours of points3D.bin.
 
-    Records of points differ in length because of their tracks. A first pass reads the lengths and stores the
-    start of each record. A second pass gathers the values in blocks.
+    The records of points have different lengths, because the lengths of their tracks differ. The first pass
+    reads the lengths and stores the start of each record. The second pass reads the values in blocks.
     """
     cursor = _Cursor(source)
     count = cursor.count("points", _POINT.size)
@@ -127,7 +127,7 @@ def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]
     xyz = np.zeros((count, 3))
     rgb = np.zeros((count, 3), dtype=np.uint8)
     columns = np.arange(8, 35)
-    # Gather bytes 8 to 34 of each record: three doubles and three bytes after the id.
+    # Read bytes 8 to 34 of each record: three doubles and three bytes after the id.
     for first in range(0, count, _POINTS_AT_A_TIME):
         part = slice(first, first + _POINTS_AT_A_TIME)
         rows = content[starts[part, None] + columns]

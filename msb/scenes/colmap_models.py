@@ -50,7 +50,7 @@ MODEL_NAMES = {model.number: name for name, model in MODELS.items()}
 def model_parameters(name: str | None, given: str) -> int:
     """Return the number of parameters of the camera model `name`.
 
-    Errors quote `given`, its spelling in the file.
+    `given` is the name in the file, which errors quote.
     """
     if name not in MODELS:
         text = (
@@ -63,7 +63,7 @@ def model_parameters(name: str | None, given: str) -> int:
 
 @dataclass(frozen=True)
 class Lens:
-    """An unchecked camera record: id, key of `MODELS`, size and parameters.
+    """A camera record that was not checked: id, key of `MODELS`, size and parameters.
 
     `pointer` is the position of the record in the file.
     """
@@ -85,7 +85,10 @@ class Lens:
         return width, height, fx, fy, cx, cy
 
     def distortion(self) -> Distortion | None:
-        """Return the lens distortion; None for a pinhole camera or if all coefficients are 0."""
+        """Return the lens distortion.
+
+        If the camera is a pinhole camera or all coefficients are 0, return None.
+        """
         return make_distortion(self.model, self.parameters[MODELS[self.model].focals + 2 :])
 
 

@@ -16,9 +16,9 @@ from msb.errors import shorten
 from msb.scenes.colmap_models import MODELS, Lens, Shot, model_parameters
 from msb.scenes.source import Source
 
-# Longest accepted line in bytes. The line of an image with 100,000 2D points takes about 5 MB.
+# Longest accepted line in bytes. The line of an image with 100,000 2D points has about 5 MB.
 MAX_LINE = 1 << 24
-# Bytes of text that are split into lines in one step.
+# Number of bytes of text that are split into lines in one step.
 _BLOCK = 1 << 20
 _MOST_WORDS = 4 + max(model.parameters for model in MODELS.values())
 _INTEGER = re.compile(rb"[+-]?\d{1,18}")
@@ -70,7 +70,7 @@ def read_shots(source: Source) -> Iterator[Shot]:
 
 def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """Return the positions and colours of points3D.txt: ID X Y Z R G B ERROR TRACK..."""
-    values, places = array("d"), array("q")  # lists of Python numbers would take four times the memory
+    values, places = array("d"), array("q")  # lists of numbers would need four times the memory
     for line in filter(_Line.is_record, _lines(source)):
         words = line.text.split(None, 8)
         if len(words) < 8:
@@ -104,12 +104,15 @@ class _Line:
         return f"line {self.index}"
 
     def is_record(self) -> bool:
-        """Return whether the line is neither blank nor a comment."""
+        """Return whether the line contains data, which is false for a blank line or a comment."""
         text = self.text.lstrip()
         return bool(text) and not text.startswith(b"#")
 
     def word_count(self) -> int:
-        """Return the number of words. Do not split the line, because lists of 2D points are long."""
+        """Return the number of words.
+
+        Do not split the line into words, because lists of 2D points are long.
+        """
         dark = np.frombuffer(self.text, dtype=np.uint8) > ord(" ")
         return int(np.count_nonzero(dark[1:] & ~dark[:-1]) + np.count_nonzero(dark[:1]))
 
@@ -143,7 +146,7 @@ class _Line:
 
 
 def _lines(source: Source) -> Iterator[_Line]:
-    """Yield each line. The first line has the number 1."""
+    """Yield each line. The first line of the file has the number 1."""
     data, size = source.data, len(source.data)
     at = len(_BYTE_ORDER_MARK) if bytes(data[:3]) == _BYTE_ORDER_MARK else 0
     index = 0

@@ -54,10 +54,10 @@ def check_background(background: object, official: object = None) -> Color:
 
 
 def _three_numbers(values: Any) -> Color | None:
-    """Return a colour of three finite numbers, None for any other value."""
+    """Return three finite numbers as a colour. For any other value, return None."""
     try:
         array = np.asarray(values)
-    except Exception:  # the value is irregular, or NumPy cannot convert it
+    except Exception:  # the value has an irregular shape, or NumPy cannot convert it
         return None
     if array.shape != (3,) or array.dtype.kind not in "fiu" or np.ma.is_masked(values):
         return None

@@ -1,28 +1,29 @@
 """The dense parts of a set of Gaussian splats, without floaters.
 
-Captures contain faint or stray Gaussians (floaters) everywhere between the cameras. Floaters and objects are
-not separated by a gap. Therefore the opacity per volume is compared, and not distances.
+Captures contain faint or stray Gaussians (floaters) everywhere between the cameras. There is no gap between
+floaters and objects. Therefore opacity per volume separates floaters from objects. Distance does not separate
+them.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-# Share of the opacity to ignore at each end of an axis when the range is measured. The opacity grid is five
-# times as long as the measured range, with the range in its middle.
+# Fraction of the opacity that is ignored at each end of an axis for measuring the range. The opacity grid is
+# five times as long as the measured range, and the range lies in its middle.
 _TAIL = 0.02
 # Number of grid cells along the longest side of the measured range.
 _CELLS = 32
-# A grid cell is dense if its opacity is at least this share of the typical opacity. Cells with at least the
-# typical opacity contain half of all opacity.
+# A grid cell is dense if its opacity is at least this fraction of the typical opacity. Grid cells with at
+# least the typical opacity contain half of all opacity.
 _DENSE = 0.02
-# A dense part is a floater if it has less than this share of the largest part's opacity.
+# A dense part is a floater if its opacity is less than this fraction of the largest part's opacity.
 _MIN_PART = 0.02
 
 
 def find_dense(points: NDArray[np.floating], weight: NDArray[np.floating]) -> NDArray[np.bool_]:
     """Return a mask (N,) of the points in the dense parts. `weight` (N,) is the opacity of each point.
 
-    All points are returned if their range is empty or not finite. O(N) time.
+    If the range of the points is empty or not finite, all points are returned. O(N) time.
     """
     points = points.astype(np.float64)
     order = [np.argsort(points[:, axis], kind="stable") for axis in range(3)]
@@ -48,7 +49,7 @@ def find_dense(points: NDArray[np.floating], weight: NDArray[np.floating]) -> ND
     is_inside = ((place >= 1) & (place < np.array(shape) - 1)).all(axis=1)
     index = np.ravel_multi_index(tuple(place[is_inside].astype(np.int64).T), shape)
     mass = np.bincount(index, weight[is_inside], int(np.prod(shape))).astype(np.float64)
-    # Compute the opacity of the typical cell, then find the dense parts.
+    # Compute the typical opacity of a grid cell, then find the dense parts.
     falling = np.sort(mass)[::-1]
     typical = falling[np.searchsorted(np.cumsum(falling), falling.sum() / 2)]
     dense = (mass >= _DENSE * typical).reshape(shape)
@@ -59,9 +60,9 @@ def find_dense(points: NDArray[np.floating], weight: NDArray[np.floating]) -> ND
 
 
 def _keep_large_parts(dense: NDArray[np.bool_], mass: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return the dense grid cells, without the cells of small parts.
+    """Return the dense grid cells that belong to large parts.
 
-    Cells of one dense part may be separated by gaps of two cells.
+    Grid cells of one dense part may be separated by gaps of two cells.
     """
     from scipy.ndimage import label
 
@@ -71,7 +72,7 @@ def _keep_large_parts(dense: NDArray[np.bool_], mass: NDArray[np.float64]) -> ND
 
 
 def _grow(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the given cells and all their neighbours, including diagonal neighbours.
+    """Return the given grid cells and all their neighbours, including diagonal neighbours.
 
     Cells at the border of the grid must be empty.
     """

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Distortion:
-    """The distortion of a lens: a model of `DISTORTIONS` and its coefficients, in the model's order.
+    """The distortion of a lens: a model of `DISTORTIONS`, and the coefficients in the model's order.
 
     Coefficients apply to normalised coordinates, so they do not depend on the image size.
     """
@@ -28,7 +28,7 @@ class Distortion:
     coefficients: tuple[float, ...] = ()
 
     def apply(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return the distorted normalised coordinates for ideal coordinates.
+        """Return distorted normalised coordinates for the ideal coordinates.
 
         All arrays have the same shape.
         """
@@ -37,7 +37,7 @@ class Distortion:
 
 
 def make_distortion(model: str, coefficients: Sequence[float]) -> Distortion | None:
-    """Return the distortion of a lens; None if the lens does not distort.
+    """Return the distortion of a lens. If the lens does not distort, return None.
 
     Raise CAMERA_DISTORTED if a coefficient is not finite.
     """
@@ -50,7 +50,7 @@ def make_distortion(model: str, coefficients: Sequence[float]) -> Distortion | N
 
 
 def _polynomial(square: Array, factors: Sequence[float]) -> Array:
-    """Return 1 + k1 s + k2 s^2 + ... for s = `square`."""
+    """Return 1 + k1 s + k2 s^2 + ..., where s is `square`."""
     result = np.zeros_like(square)
     for factor in reversed(factors):
         result = (result + factor) * square
@@ -58,7 +58,7 @@ def _polynomial(square: Array, factors: Sequence[float]) -> Array:
 
 
 def _distort_brown(x: Array, y: Array, c: Sequence[float]) -> tuple[Array, Array]:
-    """OPENCV and FULL_OPENCV with coefficients k1, k2, p1, p2 and, if present, k3, k4, k5, k6."""
+    """Model OPENCV or FULL_OPENCV with coefficients k1, k2, p1, p2 and, if present, k3, k4, k5, k6."""
     k1, k2, p1, p2, k3, *below = (*c, 0.0, 0.0, 0.0, 0.0)[: max(len(c), 5)]
     square = x * x + y * y
     radial = _polynomial(square, (k1, k2, k3)) / _polynomial(square, below)
@@ -80,7 +80,7 @@ def _distort_radial(x: Array, y: Array, c: Sequence[float]) -> tuple[Array, Arra
 
 
 def _distort_nerfstudio(x: Array, y: Array, c: Sequence[float]) -> tuple[Array, Array]:
-    """OPENCV as nerfstudio interprets it: k1, k2, k3, k4 (all in the numerator), p1, p2."""
+    """Model OPENCV in nerfstudio's form: k1, k2, k3, k4 (all in the numerator), p1, p2."""
     return _bend(x, y, _polynomial(x * x + y * y, c[:4]), c[4], c[5])
 
 
@@ -104,7 +104,7 @@ def _distort_thin_prism(x: Array, y: Array, c: Sequence[float]) -> tuple[Array, 
 
 
 def _distort_aria(x: Array, y: Array, c: Sequence[float]) -> tuple[Array, Array]:
-    """RAD_TAN_THIN_PRISM_FISHEYE (nerfstudio's FISHEYE624) with coefficients k0 to k5, p0, p1, s0 to s3."""
+    """Model RAD_TAN_THIN_PRISM_FISHEYE (nerfstudio: FISHEYE624) with k0 to k5, p0, p1, s0 to s3."""
     x, y = _distort_fisheye(x, y, c[:6])
     square = x * x + y * y
     right, down = _bend(x, y, 1.0, c[7], c[6])
@@ -130,7 +130,7 @@ def _distort_eucm(x: Array, y: Array, c: Sequence[float]) -> tuple[Array, Array]
 
 
 # The distortion function of each model. The arguments of a distortion function are x, y and the coefficients.
-# NERFSTUDIO is not a COLMAP model.
+# The model NERFSTUDIO is not a COLMAP model.
 DISTORTIONS: dict[str, Callable[[Array, Array, Sequence[float]], tuple[Array, Array]]] = {
     "SIMPLE_RADIAL": _distort_radial,
     "RADIAL": _distort_radial,
@@ -149,5 +149,5 @@ DISTORTIONS: dict[str, Callable[[Array, Array, Sequence[float]], tuple[Array, Ar
     "DIVISION": _distort_division,
     "EUCM": _distort_eucm,
 }
-# Fisheye models, which distort the image even if all their coefficients are zero.
+# Fisheye models. Fisheye models distort the image even if all coefficients are zero.
 _CURVED = {name for name in DISTORTIONS if "FISHEYE" in name}

@@ -14,25 +14,26 @@ from msb.asset.build import measure_bounds
 from msb.asset.look import normals_of
 from msb.scenes.dense import find_dense
 
-# A mesh must cover at least this share of the pixels of its views. Views with less coverage are not used to
-# judge the mesh. At 1 % coverage, the PSNR of the whole image is 20 dB above the PSNR of the covered pixels.
+# A mesh must cover at least this share of the pixels of its views. If views cover fewer pixels, they are not
+# used to judge the mesh. At 1 % coverage, the PSNR of the whole image is 20 dB above the PSNR of the covered
+# pixels.
 MIN_COVERAGE = 0.01
-# Faces are isolated if all other faces are at most half as far from the middle. If isolated faces were shown,
-# all other faces would have only a quarter of their pixels.
+# Faces are isolated if all other faces are at most half as far from the middle. If isolated faces were in the
+# image, all other faces would have only a quarter of their pixels.
 _ISOLATED = 2.0
-# Maximum share of isolated faces among all faces, and maximum share of their area, for leaving them out.
+# Isolated faces are left out if their number and their area are at most these fractions of all faces.
 _FEW_FACES, _LITTLE_AREA = 0.1, 0.01
-# If the remaining faces would cover too few pixels, up to this share of isolated faces is left out,
-# regardless of their area.
+# If the remaining faces would cover too few pixels, up to this fraction of isolated faces is left out,
+# whatever their area is.
 _STRAY_FACES = 0.01
-# Minimum share of the faces or of the area in the dense part of a mesh.
+# A dense part must contain at least this fraction of the faces or of the area of a mesh.
 _DENSE = 0.9
-# Factor that estimates the share of covered pixels from the area of a mesh divided by its squared radius. On
-# a 4:3 turntable, the measured factor was 0.042 for a sphere and 0.058 for a disc.
+# Factor in the estimate of pixel coverage: coverage = factor x area of the mesh / squared radius. On a
+# turntable with 4:3 images, the measured factor was 0.042 for a sphere and 0.058 for a disc.
 _COVERED = 0.05
-# If the estimated share of covered pixels is lower, only the dense part is framed. The dense part must cover
-# at least twice this share of the pixels. For parts that hide each other, the estimate is up to four times
-# too large.
+# If the estimated pixel coverage is lower, only the dense part is framed. The dense part must cover at least
+# twice this fraction of the pixels. For mesh parts that hide each other, the estimated coverage is up to four
+# times too large.
 _SPARSE = 4 * MIN_COVERAGE
 # Largest number of faces used to compute the middle of an asset.
 _SAMPLES = 200_000
@@ -45,13 +46,13 @@ class Framing:
     Attributes
     ----------
     center : (3,) floats
-        The centre relative to the asset's origin.
+        The centre of the sphere, relative to the asset's origin.
     radius : float
-        For an asset without outliers, this is the radius of its bounding sphere.
+        The radius of the sphere. For an asset without outliers, this is the radius of the bounding sphere.
     framed : (F,) mask, or None
-        The faces inside the sphere; None for all.
+        The faces inside the sphere. The value is None if the sphere contains all faces.
     left_out : str
-        A description of the left-out parts; "" if nothing is left out.
+        A description of the omitted parts. The text is "" if no part is omitted.
     box : ((3,) floats, (3,) floats), or None
         The lowest and highest coordinates of the framed part; only for Gaussians.
     """
@@ -66,7 +67,7 @@ class Framing:
     def note(self) -> str:
         """A text about the faces that generated views leave out.
 
-        The text continues a sentence about generated views.
+        The text is the end of a sentence about generated views.
 
         The text is "" if no faces are left out.
         """
@@ -83,8 +84,8 @@ def find_framing(asset: Asset) -> Framing:
     sphere = asset.manifest.bounding_sphere
     everything = Framing(sphere.center, sphere.radius)
     positions, faces = asset.buffers["positions"], asset.buffers["indices"]
-    # Compute the distance (V,) of each vertex from the middle of the faces. Usually no vertex is far away,
-    # and the search ends here.
+    # Compute the distance (V,) of each vertex from the middle of the faces. Usually, no vertex is far away.
+    # In this case, the search ends here.
     away = np.linalg.norm(positions - _find_middle(positions, faces), axis=1)
     if away.max() < _ISOLATED * np.median(away[_sample(faces)].max(axis=1)):
         return everything
@@ -106,7 +107,7 @@ def find_framing(asset: Asset) -> Framing:
     framed = np.zeros(len(faces), bool)
     framed[solid[kept]] = True
     around = measure_bounds(positions[np.unique(faces[framed])])[1]
-    text = "vertices without a face of non-zero area"
+    text = "vertices that no face with an area uses"
     if count := int((~kept).sum()):
         radii = near[~kept].min() / max(around.radius, np.finfo(np.float64).tiny)
         more = "" if count == 1 else " or more"
@@ -146,13 +147,14 @@ def _find_middle(positions: NDArray[np.float32], faces: NDArray[np.uint32]) -> N
 def _drop_isolated(
     near: NDArray[np.float64], far: NDArray[np.float64], area: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return a mask (n,) of all faces except isolated faces that are few and have little area.
+    """Return a mask (n,) of all faces except isolated faces. Isolated faces are left out only if they are few
+    and have little area.
 
-    `near` and `far` (n,) are the distances of the nearest and the farthest corner of each face.
+    `near` and `far` (n,) are the distances of each face's nearest and farthest corner.
     """
     order = np.argsort(near, kind="stable")
-    # Sort the faces by distance. For each number k, compute the radius and the area of the first k faces, and
-    # the share of the remaining faces.
+    # Sort the faces by distance. For each number k, compute the radius and the area of the first k faces.
+    # Also compute the fraction of the remaining faces.
     radius = np.maximum.accumulate(far[order])
     inner = np.cumsum(area[order])
     start = np.arange(1, len(order))
@@ -171,7 +173,7 @@ def _drop_isolated(
 def _find_dense(far: NDArray[np.float64], area: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return a mask (n,) of the faces in the dense part.
 
-    If all faces cover enough pixels, the mask contains all faces.
+    If all faces together cover enough pixels, the mask contains all faces.
 
     If no dense part covers enough pixels, the mask contains all faces.
     """
@@ -179,8 +181,8 @@ def _find_dense(far: NDArray[np.float64], area: NDArray[np.float64]) -> NDArray[
     # The sphere around all faces has a radius of at least half of the largest distance.
     if _COVERED * area.sum() >= _SPARSE * (far.max() / 2) ** 2:
         return everything
-    # Sort the faces by distance. Find the spheres around the first k faces that contain most faces. A sphere
-    # with most of the area and at least half of the faces is also accepted.
+    # Sort the faces by distance. Among the spheres around the first k faces, find the spheres that contain
+    # most faces. A sphere that contains most of the area and at least half of the faces is also accepted.
     order = np.argsort(far, kind="stable")
     radius, inner = far[order], np.cumsum(area[order])
     count = np.arange(1, len(order) + 1)

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 # Suffixes of photographs, in lower case.
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".avif", ".heic", ".heif")
-# Number of bytes searched for an image header. Colour profiles, thumbnails and depth maps before the header
-# take a few MiB.
+# Number of bytes searched for an image header. Colour profiles, thumbnails and depth maps before the image
+# header need a few MiB.
 _MOST_BYTES = 1 << 23
-# Signatures of formats with an image header anywhere in the file. The signature of TIFF and WebP is at byte
-# 0, the signature of AVIF and HEIC at byte 4.
+# Signatures of image formats whose header can be anywhere in the file. The signature of TIFF and WebP is at
+# byte 0, the signature of AVIF and HEIC at byte 4.
 _SCATTERED = (b"II*\0", b"MM\0*", b"RIFF")
 _BOX = b"ftyp"
 _HEIC = (b"heic", b"heix", b"hevc", b"heim", b"heis", b"mif1", b"msf1")
@@ -93,7 +93,7 @@ def _open_header(path: str | os.PathLike[str]) -> Iterator[Image.Image]:
     start = bytes(source.data[:12])
     if start.startswith(_SCATTERED) or start[4:8] == _BOX:
         source = Source(Path(path), map_file(Path(path)))
-    file: Any = source.data  # Pillow reads the memory mapping like a file
+    file: Any = source.data  # Pillow reads a memory mapping like a file
     try:
         if not file:
             raise ValueError("it is empty")

@@ -16,8 +16,8 @@ from msb.asset.strict_json import parse_strict_json
 from msb.errors import SceneError
 from msb.scenes.source import Source
 
-# Largest file in bytes: 16 MiB hold about 30,000 cameras and are parsed in seconds. The largest public
-# captures have some thousand cameras.
+# Largest file in bytes. A file of 16 MiB contains about 30,000 cameras, and is parsed in seconds. The largest
+# public captures have several thousand cameras.
 MAX_BYTES = 1 << 24
 
 
@@ -38,7 +38,7 @@ def read_json(source: Source) -> Node:
 class Node:
     """A JSON value and its position in the file as an RFC 6901 pointer ("" is the root).
 
-    A method raises `SceneError` CAMERA_FILE if the value has another kind than the method expects.
+    If the value has another kind than the method expects, a method raises `SceneError` CAMERA_FILE.
     """
 
     source: Source
@@ -51,7 +51,10 @@ class Node:
         return self.source.error(code, text, pointer=self.pointer)
 
     def abbreviated(self) -> str:
-        """Return this value for a message: its text if the text is short, otherwise its kind."""
+        """Return this value as text for a message.
+
+        If the text is long, the kind of the value replaces the text.
+        """
         return describe(self.value)
 
     def wrong_type(self, wanted: str) -> SceneError:
@@ -113,7 +116,7 @@ class Node:
         return np.array(self.value, dtype=np.float64)
 
     def locating(self) -> AbstractContextManager[None]:
-        """Add the position of this value to errors in the block, like `Source.locating`."""
+        """In the block, add the position of this value to errors, like `Source.locating`."""
         return self.source.locating(self.pointer)
 
 

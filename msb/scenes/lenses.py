@@ -1,4 +1,4 @@
-"""Undistortion of photographs: the pinhole camera that replaces a distorted one, and the resampled image."""
+"""Undistortion of photographs: the undistorted pinhole camera, and the resampled image."""
 
 from __future__ import annotations
 
@@ -16,19 +16,21 @@ from msb.scenes.camera import Camera
 if TYPE_CHECKING:
     from msb.scenes.distortion import Distortion
 
-# A grid of points tests whether an undistorted image has missing content. Lens distortion varies slowly:
-# grids of 33 and 129 points per side gave the same sizes for all lenses in the tests.
+# A grid of points tests whether content is missing in an undistorted image. Grids of 33 and of 129 points per
+# side gave the same sizes for all tested lenses, because lens distortion varies slowly.
 _GRID = 65
-# Smallest and largest ratio of the undistorted side to the distorted side: COLMAP's limits.
+# Smallest and largest ratio of the undistorted side to the distorted side. COLMAP has the same limits for
+# this ratio.
 _MIN_SCALE, _MAX_SCALE = 0.2, 2.0
-# Number of bisections of a scale: 2 / 2^24 is less than a thousandth of a pixel at the largest size.
+# Number of bisections of a scale. At the largest image size, an error of 2 / 2^24 is less than a thousandth
+# of a pixel.
 _STEPS = 24
 
 
 def undistorted(camera: Camera) -> Camera:
     """Return the pinhole camera of the undistorted photographs of `camera`.
 
-    Pose and focal lengths are kept. Width, height and principal point are scaled, separately for each axis.
+    Pose and focal lengths are kept. Width, height and principal point are scaled separately for each axis.
     The result is the largest image whose pixels all lie inside the distorted image, as in COLMAP's
     undistorter. A camera without distortion is returned unchanged.
 
@@ -55,12 +57,12 @@ def undistorted(camera: Camera) -> Camera:
 def _fit_size(
     width: int, height: int, fx: float, fy: float, cx: float, cy: float, distortion: Distortion
 ) -> tuple[int, int]:
-    """Return the width and height of the largest undistorted image without missing content."""
+    """Return the width and height of the largest undistorted image in which no content is missing."""
 
     def fits(scale_x: float, scale_y: float) -> bool:
         # Create a grid (n, n) from edge to edge of the undistorted image, and map it to the distorted image.
-        # The mapped grid must lie between the centres of the outermost pixels, because pixels outside cannot
-        # be interpolated.
+        # The mapped grid must lie between the centres of the outermost pixels. Pixel values outside these
+        # centres cannot be interpolated.
         u, v = np.meshgrid(
             np.linspace(-cx * scale_x, (width - cx) * scale_x, _GRID),
             np.linspace(-cy * scale_y, (height - cy) * scale_y, _GRID),
@@ -76,7 +78,7 @@ def _fit_size(
         area = right[0] * down[1][:, :-1] - right[1] * down[0][:, :-1]
         return bool(is_inside.all() and (area > 0).all())
 
-    # First enlarge both axes by the same factor, then each axis separately.
+    # First enlarge both axes by the same factor. Then enlarge each axis separately.
     scale_x = scale_y = _largest(lambda scale: fits(scale, scale), _MIN_SCALE)
     scale_x = _largest(lambda scale: fits(scale, scale_y), scale_x)
     scale_y = _largest(lambda scale: fits(scale_x, scale), scale_y)
@@ -90,7 +92,7 @@ def _fit_size(
 
 
 def _largest(is_valid: Any, low: float) -> float:
-    """Find the largest valid scale from `low` to `_MAX_SCALE` by bisection, and return the scale."""
+    """By bisection, find and return the largest valid scale between `low` and `_MAX_SCALE`."""
     high = _MAX_SCALE
     if is_valid(high):
         return high

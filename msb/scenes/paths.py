@@ -45,8 +45,9 @@ def turntable(
     up : (3,) array_like
         The axis of the turntable, which is up in the images.
     count : int
-        Number of cameras, at equal angles, counter-clockwise seen from above. The first camera is in the
-        direction of the world axis that is most perpendicular to `up`. Among equal axes, x is preferred.
+        Number of cameras. The cameras have equal angles and are counter-clockwise as seen from above. The
+        first camera is in the direction of the world axis that is closest to perpendicular to `up`. If
+        several axes are equally suitable, x is preferred.
     width, height : int
         Size of the images in pixels.
     fov_y : float
@@ -90,24 +91,24 @@ def turntable(
 def unit_at(distance: float) -> float:
     """Return the unit of depth (`Camera.unit`) for an object at `distance`.
 
-    For ordinary distances the unit of depth is 1, which leaves results unchanged. For other distances the
-    unit of depth is a power of two, which causes no rounding errors.
+    For ordinary distances, the unit of depth is 1, so results do not change. For other distances, the unit of
+    depth is a power of two, so no rounding errors occur.
     """
     return 1.0 if 0.5 <= distance <= 64 else 2.0 ** (round(math.log2(distance)) - 1)
 
 
 def interpolate_cameras(cameras: Sequence[Camera], count: int, *, closed: bool = False) -> list[Camera]:
-    """Return a smooth flight of `count` frames through two or more cameras, in the size of the first camera.
+    """Return a smooth flight through two or more cameras: `count` cameras of the size of the first camera.
 
-    Each segment between two cameras takes the same time, whatever its length is. An open flight begins at the
-    first camera and ends at the last. A `closed` flight is a loop: after its last frame, the flight returns
-    to the first camera. The velocity and the angular velocity are continuous.
+    All segments between two cameras take the same time, whatever their length is. An open camera flight
+    begins at the first camera and ends at the last camera. A `closed` camera flight is a loop: after its last
+    frame, the flight returns to the first camera. The velocity and the angular velocity are continuous.
 
-    Centres follow the uniform Catmull-Rom spline (E. Catmull and R. Rom, A class of local interpolating
-    splines, 1974). Beyond its ends, an open flight continues with reflected cameras. Rotations follow the
-    same spline of unit quaternions, with signs aligned and the result normalised. Between two cameras, the
-    rotation is spherical linear interpolation (slerp). Focal lengths and principal points are interpolated
-    linearly, which cannot overshoot.
+    Centres follow the uniform Catmull-Rom spline (Catmull and Rom, A class of local interpolating
+    splines, 1974). Beyond its ends, an open camera flight continues with mirrored cameras. Rotations follow
+    the same spline of unit quaternions, with signs aligned and the result normalised. Between two cameras,
+    the rotation is spherical linear interpolation (slerp). Focal lengths and principal points are
+    interpolated linearly, which cannot overshoot.
     """
     if len(cameras) < 2:
         text = f"a flight needs at least 2 cameras, not {len(cameras)}"
@@ -141,7 +142,7 @@ def _check_frames(count: int) -> None:
 
 
 def _spline_keys(keys: NDArray[np.float64], segment: int, closed: bool) -> NDArray[np.float64]:
-    """Return four keys (4, D) of the spline: the key before `segment`, its two ends, and the key after it."""
+    """Return the two ends of `segment` with the keys before and after them, (4, D)."""
     if closed:
         return keys[np.arange(segment - 1, segment + 3) % len(keys)]
     before = keys[segment - 1] if segment else 2 * keys[0] - keys[1]
@@ -150,10 +151,10 @@ def _spline_keys(keys: NDArray[np.float64], segment: int, closed: bool) -> NDArr
 
 
 def _align_signs(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return quaternions with signs such that neighbouring quaternions have a non-negative dot product.
+    """Return quaternions whose signs give neighbours a non-negative dot product.
 
-    A quaternion and its negative are the same rotation. Aligned signs make interpolation take the shorter
-    way.
+    A quaternion and its negative are the same rotation. With aligned signs, the interpolation takes the
+    shorter way.
     """
     rows = quaternions.copy()
     for before, row in itertools.pairwise(rows):
@@ -163,7 +164,7 @@ def _align_signs(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _catmull_rom(keys: NDArray[np.float64], at: float) -> NDArray[np.float64]:
-    """Return the value (D,) of a Catmull-Rom spline between keys[1] (`at` 0) and keys[2] (`at` 1)."""
+    """Return the value (D,) of a Catmull-Rom spline. `at` is 0 at keys[1] and 1 at keys[2]."""
     cube, square = at**3, at**2
     weights = np.array(
         [

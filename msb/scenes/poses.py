@@ -13,12 +13,12 @@ from msb.errors import SceneError, shorten
 
 # Limits for the error of a rotation R, the largest entry of |R R^T - I|. Below the first limit, R is stored
 # unchanged. Up to the second limit, R is replaced by the nearest rotation. After a few inversions, the error
-# of a float32 pose is still well below the first limit. Matrices with four decimals (error at most 1.8e-4)
-# stay below the second limit.
+# of a float32 pose is still well below the first limit. Matrices with four decimals have an error of at most
+# 1.8e-4, which is below the second limit.
 EXACT_ROTATION_ERROR, MAX_ROTATION_ERROR = 1e-4, 2e-4
 
-# Largest coordinate in scene units. Squares of larger distances do not fit into float32, the precision of
-# renderers.
+# Largest coordinate in scene units. The square of a larger distance does not fit into float32, the precision
+# of renderers.
 MAX_COORDINATE = 1e18
 
 _OPENGL_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -71,15 +71,18 @@ def _finite_matrix(matrix: ArrayLike, what: str) -> NDArray[np.float64]:
 
 
 def invert_pose(pose: ArrayLike, what: str = "the camera-to-world matrix") -> NDArray[np.float64]:
-    """Return the inverse (4, 4) float64 of a pose: world-to-camera from camera-to-world, or vice versa."""
+    """Return the inverse (4, 4) float64 of a pose.
+
+    The function converts world-to-camera to camera-to-world, and vice versa.
+    """
     return rigid_inverse(check_pose(pose, what))
 
 
 def rigid_inverse(pose: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the inverse of a valid pose.
 
-    The 3 x 3 block is inverted as a matrix, as in official loaders. For poses that were rounded to float32,
-    the inverse of the rotation differs from its transpose.
+    The 3 x 3 block is inverted as a matrix, as in official loaders. If a pose was rounded to float32, the
+    inverse of its rotation differs from the transpose.
     """
     back = np.eye(4)
     back[:3, :3] = inverse(pose[:3, :3])
@@ -129,7 +132,7 @@ def vector3(name: str, value: ArrayLike) -> NDArray[np.float64]:
 
 
 def _unit(vector: NDArray[np.float64], least: float = 0.0) -> NDArray[np.float64] | None:
-    """Return `vector` scaled to length 1, or None if its length is at most `least`."""
+    """Return `vector` scaled to length 1. If the length is at most `least`, return None."""
     length = math.hypot(*vector)
     return vector / length if length > least else None
 
@@ -137,7 +140,7 @@ def _unit(vector: NDArray[np.float64], least: float = 0.0) -> NDArray[np.float64
 def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
     """Return the rotation matrix (3, 3) of a quaternion (w, x, y, z) of any length except 0.
 
-    Source: K. Shoemake, Animating rotation with quaternion curves, SIGGRAPH 1985, section 3.
+    Source: Shoemake, Animating rotation with quaternion curves, SIGGRAPH 1985, section 3.
     """
     w, x, y, z = np.asarray(quaternion, dtype=np.float64) / math.hypot(*np.asarray(quaternion))
     return np.array(
@@ -150,13 +153,13 @@ def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
 
 
 def quaternion_from_rotation(rotation: ArrayLike) -> NDArray[np.float64]:
-    """Return the unit quaternion (w, x, y, z), (4,) float64, of a rotation matrix (3, 3), with either sign.
+    """Return the unit quaternion (w, x, y, z) of a rotation matrix (3, 3) as (4,) float64. The sign of the
+    quaternion is arbitrary.
 
     The quaternion is the eigenvector of the largest eigenvalue of a symmetric 4 x 4 matrix. The eigenvector
     computation is stable for all rotation angles. If the matrix is not exactly a rotation, the nearest
-    rotation is used.
-    Source: I. Y. Bar-Itzhack, New method for extracting the quaternion from a rotation matrix, J. Guidance
-    23(6), 2000.
+    rotation is used. Source: Bar-Itzhack, New method for extracting the quaternion from a rotation
+    matrix, Journal of Guidance 23(6), 2000.
     """
     (a, b, c), (d, e, f), (g, h, i) = np.asarray(rotation, dtype=np.float64)
     symmetric = np.array(

@@ -20,7 +20,7 @@ from msb.scenes.camera import Camera
 from msb.scenes.colmap import read_model, read_points
 from msb.scenes.image_size import read_header
 
-# How photographs are paired for comparison: all pairs, or neighbours in the order of file names.
+# The photographs that are compared with each other: all pairs, or neighbours in the order of file names.
 Matching = Literal["exhaustive", "sequential"]
 # Camera model of an unknown camera in COLMAP, with one focal length and one radial coefficient.
 _LENS = "SIMPLE_RADIAL"
@@ -40,13 +40,13 @@ class FoundPoses:
     Attributes
     ----------
     cameras : list of Camera
-        The registered photographs, with the distortion of the lens that was found.
+        The registered photographs, with the recovered lens distortion.
     points : (N, 3) float64 and (N, 3) uint8
         Points and their colours.
     reprojection_error : float
         Mean distance in pixels between an observed point and its projection.
     models : tuple of int
-        The numbers of registered photographs of all models, largest first; the first is the result.
+        The numbers of registered photographs in all models, largest first. The first model is the result.
     """
 
     cameras: list[Camera]
@@ -69,10 +69,11 @@ def find_poses(
     folder : Path
         The folder of the photographs.
     names : sequence of str
-        Their names below it.
+        The names of the photographs below the folder.
     matching : {"exhaustive", "sequential"}
     seed : int
-        Seed of the random search. Results still differ in the last digits, because several threads are used.
+        Seed of the random search. Results still differ in the last digits, because the order of computations
+        in several threads varies.
 
     Raises
     ------
@@ -138,7 +139,7 @@ class _Job:
         self._steps += 1
 
     def run(self, stage: tuple[str, str | None, int], work: Callable[[Any], Any]) -> Any:
-        """Run `work` in a thread and return its result.
+        """Run `work` in a thread, and return its result.
 
         `stage` contains the name of the work, the database table, and the number of steps. Each step adds a
         row to the database table.
@@ -158,7 +159,7 @@ class _Job:
             return future.result()
 
     def _count(self, table: str) -> int:
-        """Return the number of rows of a database table. While the database is locked or empty, return 0."""
+        """Return the number of rows of a database table. If the database is locked or empty, return 0."""
         with contextlib.suppress(sqlite3.Error):
             place = f"{self._database.absolute().as_uri()}?mode=ro"
             with contextlib.closing(sqlite3.connect(place, uri=True, timeout=0.05)) as database:

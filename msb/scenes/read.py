@@ -12,7 +12,7 @@ from msb.scenes.json_node import read_json
 from msb.scenes.sets import check_set
 from msb.scenes.source import Source
 
-# Groups of files with cameras. In a folder, only the first existing group is read.
+# Groups of file names that contain cameras. In a folder, only the first existing group is read.
 _IN_FOLDERS = (
     ("transforms_train.json", "transforms_test.json"),
     ("transforms.json",),
@@ -28,9 +28,10 @@ def read_cameras(path: str | os.PathLike[str]) -> list[Camera]:
     ----------
     path : str or Path
         A JSON file, recognised by its content: transforms_*.json (NeRF-Synthetic, instant-ngp, nerfstudio),
-        cameras.json (3DGS family) or views.json. In a folder, the first existing source is read: a COLMAP
-        model, transforms_train.json with transforms_test.json, transforms.json, cameras.json or views.json. A
-        COLMAP model may be in the folder itself, in `sparse/0` or in `sparse`, and .bin is preferred to .txt.
+        A file cameras.json (3DGS family) or views.json. In a folder, the first existing source is read: a
+        COLMAP model, transforms_train.json with transforms_test.json, transforms.json, cameras.json or
+        views.json. A COLMAP model may be in the folder itself, in `sparse/0` or in `sparse`. The suffix .bin
+        is preferred to .txt.
 
     Returns
     -------
@@ -44,7 +45,7 @@ def read_cameras(path: str | os.PathLike[str]) -> list[Camera]:
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE.
     SceneError
-        One of the CAMERA_ and COLMAP_ codes.
+        The code is one of the CAMERA_ and COLMAP_ codes.
 
     Notes
     -----

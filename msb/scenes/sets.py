@@ -13,7 +13,7 @@ HOLD = 8
 
 
 def check_cameras(cameras: Iterable[Camera]) -> list[Camera]:
-    """Return the cameras that a caller passed as a list. Any other value is a usage error."""
+    """Return the cameras that a caller passed as a list. Any other argument is a usage error."""
     listed = list(cameras) if isinstance(cameras, Iterable) else None
     if listed is None or not all(isinstance(camera, Camera) for camera in listed):
         text = f"cameras is {shorten(repr(cameras), 40)}; it must be a sequence of msb.Camera"
@@ -48,8 +48,8 @@ def stem(camera: Camera) -> str:
 def sorted_by_stem(cameras: Iterable[Camera]) -> list[Camera]:
     """Return the cameras in the order of the 3DGS family.
 
-    Cameras are sorted by the code points of their `stem` ("DSC_10" before "DSC_2", upper case first). Cameras
-    with equal stems keep their order.
+    Cameras are sorted by the code points of `stem`: "DSC_10" comes before "DSC_2", and upper case comes
+    first. Cameras with equal stems keep their order.
 
     Source: `graphdeco-inria/gaussian-splatting`: scene/dataset_readers.py.
     """
@@ -59,7 +59,7 @@ def sorted_by_stem(cameras: Iterable[Camera]) -> list[Camera]:
 def split_every_8th(
     cameras: Iterable[Camera], key: Callable[[Camera], str] = stem
 ) -> tuple[list[Camera], list[Camera]]:
-    """Return (train, test). After sorting by `key`, cameras 0, 8, 16, ... are test views.
+    """Return (train, test). When the cameras are sorted by `key`, cameras 0, 8, 16, ... are test views.
 
     The `split` of each returned camera is set. Use this function for captures without a predefined split.
 

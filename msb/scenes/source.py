@@ -28,15 +28,15 @@ class Source:
         return cls(path, map_file(path))
 
     def error(self, code: str, message: str, *, pointer: str | None = None) -> SceneError:
-        """Return an error about this file. If `pointer` is given, the message begins with it."""
+        """Return an error about this file. If `pointer` is given, the message begins with `pointer`."""
         text = f"{pointer}: {message}" if pointer else message
         return SceneError(code, text, file=self.path, pointer=pointer)
 
     @contextlib.contextmanager
     def locating(self, pointer: str | None, what: str = "") -> Iterator[None]:
-        """Add the path of this file, `pointer` and `what` to errors without a file.
+        """If an error names no file, add the path of this file, `pointer` and `what`.
 
-        For example, `Camera` raises errors without a file.
+        For example, errors of the class `Camera` name no file.
         """
         try:
             yield

@@ -21,7 +21,8 @@ from msb.scenes.poses import from_opengl
 from msb.scenes.transforms_lens import read_distortion
 
 SPLIT_NAME = re.compile(r"transforms_(train|val|test)\.json", re.IGNORECASE)
-# Image suffixes that are kept. Any other ending, such as ".0001" in "frame.0001", is part of the name.
+# Image suffixes that are kept in names. Any other ending is part of the name, such as ".0001" in
+# "frame.0001".
 _KEPT_SUFFIXES = {*IMAGE_SUFFIXES, ".exr", ".bmp"}
 
 

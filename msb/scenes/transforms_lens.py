@@ -14,14 +14,14 @@ _KEYS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 
 
 def read_distortion(find: Callable[[str], Node | None]) -> Distortion | None:
-    """Return the distortion of a frame; None for a pinhole camera.
+    """Return the distortion of a frame. For a pinhole camera, return None.
 
     The function `find` returns the value of a key. Keys of the frame take precedence over keys of the
     document. `camera_model` may be in upper or lower case. A frame is a fisheye image if its camera model is
-    a fisheye, or if `is_fisheye` or `fisheye` is true. The coefficients are k1 to k6, p1 and p2, or
-    `distortion_params`. `distortion_params` has four, five or eight values in OpenCV's order, six in
-    nerfstudio's order (k1 to k4, p1, p2), or twelve for FISHEYE624. Raise CAMERA_DISTORTED for images without
-    a lens model (panoramas, orthophotos).
+    a fisheye model. A frame is also a fisheye image if `is_fisheye` or `fisheye` is true. The coefficients
+    are k1 to k6, p1 and p2, or `distortion_params`. `distortion_params` has four, five or eight values in
+    OpenCV's order, six in nerfstudio's order (k1 to k4, p1, p2), or twelve for FISHEYE624. Raise
+    CAMERA_DISTORTED for images without a lens model (panoramas, orthophotos).
     """
     model = find("camera_model")
     name = "" if model is None else model.text().upper()

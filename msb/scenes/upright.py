@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from msb.scenes.camera import Camera
 
-# Minimum mean square of the right vectors along their second axis for computing the up direction from them.
-# Below this value, all right vectors are nearly parallel (within 6 degrees), because the camera was never
-# turned sideways.
+# Minimum mean square of the right vectors along their second axis. If the mean square is lower, the right
+# vectors do not determine the up direction. Below this value, all right vectors of the cameras are nearly
+# parallel (within 6 degrees).
 _MIN_SPREAD = 0.01
 
 
@@ -18,9 +18,9 @@ def find_up(cameras: Sequence[Camera]) -> NDArray[np.float64]:
 
     People hold cameras level, so up is perpendicular to the right vectors of the cameras. The result
     minimises the sum of squared dot products with the right vectors. The sign of the result follows the mean
-    up vector of the cameras. If all right vectors lie along one line, up is the mean up vector without its
-    component along that line. On four captures, the error of the result was at most 6 degrees. The error of
-    the mean up vector was up to 22 degrees.
+    up vector of the cameras. If all right vectors are parallel, up is the mean up vector without its
+    component along the right vectors. On four captures, the error of the computed up direction was at most 6
+    degrees. In comparison, the error of the mean up vector was up to 22 degrees.
     """
     axes = np.stack([camera.camera_to_world[:3, :3] for camera in cameras])
     right, mean_up = axes[:, :, 0], -axes[:, :, 1].mean(axis=0)

@@ -93,7 +93,7 @@ def write_cameras(
     cameras : iterable of Camera
         At least one camera. Names must be unique; cameras without a name are allowed.
     path : str or Path
-        The file. The file is replaced completely, or not changed if writing fails.
+        The file. The file is replaced completely. If writing fails, it is not changed.
     background : (float, float, float), optional
         Red, green and blue in [0, 1].
 
@@ -125,7 +125,10 @@ def write_cameras(
 
 
 def _entry(camera: Camera) -> dict[str, Any]:
-    """Return the camera as JSON data. Reading the written numbers gives exactly the same values."""
+    """Return the camera as JSON data.
+
+    When the written numbers are read again, the values are exactly the same.
+    """
     entry = {"name": camera.name} | {key: getattr(camera, key) for key in _REQUIRED}
     entry |= {key: getattr(camera, key) for key in _OPTIONAL[1:]}
     entry["world_to_camera"] = camera.world_to_camera.tolist()

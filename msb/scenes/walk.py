@@ -1,4 +1,4 @@
-"""Additional cameras without photographs: a flight beside a capture's cameras, and cameras in gaps."""
+"""Additional cameras without photographs: a camera flight beside a capture's cameras, and cameras in gaps."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,32 +10,34 @@ from numpy.typing import NDArray
 from msb.scenes.camera import Camera
 from msb.scenes.paths import interpolate_cameras
 
-# Frames between two stops of the flight: one second of film.
+# Number of frames between two stops of the camera flight. At 24 frames per second, this is one second of
+# video.
 PACE = 24
-# Largest number of stops of the flight.
+# Largest number of stops of the camera flight.
 _STOPS = 10
-# Number of decimals of a gap between cameras. Rounding makes equal gaps compare equal.
+# Number of decimals to which gaps between cameras are rounded. Because of rounding, equal gaps compare as
+# equal.
 _DIGITS = 6
-# Displacements of successive stops, in camera axes: right, nearer, left, farther, up.
+# Displacements of successive stops of the flight in camera axes: right, nearer, left, farther, up.
 _ASIDE = ((1, 0, 0), (0, 0, 1), (-1, 0, 0), (0, 0, -1), (0, -1, 0))
 
 
 def make_walk(
     stops: Sequence[Camera], capture: Sequence[Camera], frames: int, reach: float, size: int
 ) -> list[Camera]:
-    """Return the first `frames` cameras of a closed flight between and beyond the cameras of a capture.
+    """Return the first `frames` cameras of a closed flight between and beyond the capture's cameras.
 
-    The flight passes at most ten of `stops`, evenly spread, in their order. Each stop is displaced by `reach`
-    times the radius of the `capture`: the largest distance of a camera from the mean of all cameras. The
-    direction of displacement alternates: right, nearer, left, farther, up. Each displaced camera is rotated
-    towards the point nearest to all camera axes, so that this point keeps its place in the image. The flight
-    takes 24 frames from stop to stop (`interpolate_cameras`). If `frames` exceeds one loop of the flight, the
-    flight starts again.
+    The camera flight passes at most ten of `stops`, evenly spread, in their order. Each stop is displaced by
+    `reach` times the radius of the `capture`: the largest distance of a camera from the mean of all cameras.
+    The direction of displacement alternates: right, nearer, left, farther, up. Each displaced camera is
+    rotated towards the point nearest to all camera axes, so that this point keeps its place in the image. The
+    camera flight takes 24 frames from stop to stop (`interpolate_cameras`). If `frames` exceeds one loop of
+    the camera flight, the flight starts again.
 
     Parameters
     ----------
     stops, capture : sequence of Camera
-        At least two cameras that the flight passes, and all cameras of the capture.
+        At least two cameras along the flight, and all cameras of the capture.
     frames : int
     reach : float
     size : int
@@ -101,13 +103,13 @@ def _rotation_between(start: NDArray[np.float64], end: NDArray[np.float64]) -> N
 def fill_gaps(cameras: Sequence[Camera], count: int) -> list[Camera]:
     """Return at most `count` additional cameras, each halfway between two neighbours.
 
-    Cameras that were added by earlier steps can also be neighbours. Two cameras are neighbours if no other
-    camera is nearer to the pose halfway between them. The rotations of neighbours must differ by less than
-    120 degrees. The limit of 120 degrees avoids straight paths through an object. Each step adds the halfway
-    pose that is farthest from its nearest camera. The widest gaps are therefore filled first. The distance of
-    two cameras is the angle between their axes in radians, plus the distance of their centres divided by the
-    radius of the capture. The result has fewer cameras if no neighbours remain, for example for a single
-    camera or for two opposite cameras.
+    Neighbours can also be cameras that an earlier step added. Two cameras are neighbours if no other camera
+    is nearer to the pose halfway between them. The rotations of neighbours must differ by less than 120
+    degrees. The limit of 120 degrees avoids straight paths through an object. Each step adds the halfway pose
+    that is farthest from its nearest camera. The widest gaps are therefore filled first. The distance of two
+    cameras is the angle between their axes in radians, plus the distance of their centres divided by the
+    radius of the capture. If no neighbours remain, the result has fewer cameras. For example, a single camera
+    or two opposite cameras have no neighbours.
     """
     aim = find_target(cameras)
     every = list(cameras)
@@ -138,9 +140,10 @@ def _interpolate_halfway(
 ) -> NDArray[np.float64]:
     """Return the poses (N, 4, 4) halfway between the poses `starts` and `ends`.
 
-    If both cameras look at `aim`, the halfway pose is on an arc around it. Each camera has a point in front
-    of it, at the depth of `aim`. The halfway pose uses the mean point and the mean depth of both cameras. If
-    `aim` is behind the cameras, as in a room, the halfway pose is on a line between the cameras.
+    If both cameras look at `aim`, the halfway pose lies on an arc around `aim`. Each camera defines a point
+    in front of it, at the depth of `aim`. The halfway pose uses the mean point and the mean depth of both
+    cameras. If `aim` is behind the cameras, as in a room, the halfway pose lies on the straight line between
+    the cameras.
     """
     # The mean rotation is the orthogonal matrix nearest to the sum of both rotations.
     left, _, right = np.linalg.svd(starts[:, :3, :3] + ends[:, :3, :3])
@@ -166,7 +169,7 @@ def _centers(poses: NDArray[np.float64]) -> NDArray[np.float64]:
 def _measure_gaps(
     firsts: NDArray[np.float64], seconds: NDArray[np.float64], radius: float
 ) -> NDArray[np.float64]:
-    """Return the distances (N, M) between the poses of two sets of cameras."""
+    """Return the pose distances (N, M) between two sets of cameras."""
     turned = np.arccos((firsts[:, 2, :3] @ seconds[:, 2, :3].T).clip(-1, 1))
     moved = np.linalg.norm(_centers(firsts)[:, None] - _centers(seconds), axis=2)
     return np.asarray((turned + moved / radius).round(_DIGITS))

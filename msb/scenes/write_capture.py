@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from msb.scenes.datasets.rules import Size
 
 # Callback that reads the photograph of a view. If a size (height, width) is passed, the callback reads the
-# mask of the view. Images are resampled to the pinhole camera of the view. Photographs are (H, W, 3) or (H,
-# W, 4) and masks (H, W, 1), uint8.
+# view's mask instead. Images are resampled to the pinhole camera of the view. Photographs are (H, W, 3) or
+# (H, W, 4) and masks (H, W, 1), uint8.
 ReadPhotograph = Callable[[Scene, Camera], NDArray[np.uint8]]
 # Positions (N, 3) and colours (N, 3) of points.
 Points = tuple[NDArray[np.float64], NDArray[np.uint8]]
@@ -41,9 +41,9 @@ def write_capture(
 
     The folder contains `images` with the names of the photographs, and `sparse/0` with PINHOLE cameras and
     `points` as COLMAP text. If a scene has mask files, `masks` is added. If a scene has a recorded split,
-    `train_list.txt` and `test_list.txt` are added. Pixels are stored losslessly as PNG, whatever suffix a
-    name has. Programs recognise the image type by its content. `step` is called after each photograph. A
-    failure does not leave a partial folder.
+    `train_list.txt` and `test_list.txt` are added. Pixels are stored losslessly as PNG. The suffix of a
+    photograph's name does not matter. Programs recognise the image type by its content. `step` is called
+    after each photograph. If writing fails, no partial folder is left.
     """
     views = sorted((*scene.train, *scene.test), key=lambda view: str(view.name))
     names = _names_below_images([str(view.name) for view in views])
@@ -81,7 +81,8 @@ def write_model(
 ) -> None:
     """Write pinhole cameras, and points (N, 3) with colours (N, 3), as a COLMAP model in text format.
 
-    Views with equal sizes and intrinsics share a camera. Written numbers read back as the same float64.
+    Views with equal sizes and intrinsics share a camera. When written numbers are read again, the float64
+    values are the same.
     """
     folder.mkdir(parents=True)
     cameras: dict[tuple[float, ...], int] = {}

@@ -3,8 +3,8 @@
 The effect of each cause is measured as a PSNR.
 
 A cause is one difference between an engine and the method's native renderer, such as hard edges. The same
-cameras are rendered with and without the cause. All other settings stay unchanged. The page docs/worse.md
-shows images of all causes.
+cameras render the asset with and without the cause. All other settings are the same in both images. The page
+docs/worse.md shows images of all causes.
 """
 
 from __future__ import annotations

@@ -24,21 +24,22 @@ from msb.registry import lookup
 from msb.render.frame import Frame
 from msb.why.views import CauseViews, DoesNotApplyError, Image
 
-# Logit of an opacity of 1 - 2e-9. In float32 this opacity rounds to 1.
+# Logit of an opacity of 1 - 2e-9. In float32, this opacity rounds to 1.
 _FULL_LOGIT = np.float32(20.0)
-# For each coverage kernel, the settings that make the coverage 1 inside a face and 0 outside. The settings
-# are a steep power and a narrow window.
+# For each coverage kernel, the settings for a coverage of 1 inside a face and 0 outside. The settings are a
+# steep power and a narrow window.
 _HARD_SETTINGS: dict[str, dict[str, float]] = {
     "gaussian_power": {"gamma": 1000.0},
     "edge_window": {"sigma": 1e-9},
 }
-# Stored value of Triangle-Splatting that makes edges hard. With this value, sigma = 0.01 + exp(value) has its
-# minimum of 0.01.
+# Stored value of Triangle-Splatting's sigma that makes edges hard. With this value, sigma = 0.01 + exp(value)
+# has its minimum of 0.01.
 _HARD_SIGMA = np.float32(-30.0)
-# Two lists of images: without and with a cause. Each list of images has one image per view.
+# Two lists of images: the images without a cause, and the images with this cause. Each list of images has one
+# image per view.
 _Pair = tuple[list[Any], list[Any]]
 _Draw = Callable[[CauseViews], _Pair]
-# A changed model, and the render settings for it.
+# A changed model, and the settings for rendering it.
 _Change = tuple[Asset, dict[str, Any]]
 
 
@@ -52,7 +53,7 @@ def _draw_supersampling(views: CauseViews) -> _Pair:
 
 
 def _draw_shading(views: CauseViews) -> _Pair:
-    """Compare a lit with an unlit mesh."""
+    """Compare a lit mesh with an unlit mesh."""
     views.colored_mesh()
     frames = views.standard.frames
     return apply_light(frames, views.light), frames
@@ -61,14 +62,14 @@ def _draw_shading(views: CauseViews) -> _Pair:
 def apply_light(frames: list[Frame], light: Image) -> list[Frame]:
     """Return frames lit by an engine's light source; `light` (F,) is the brightness of each face.
 
-    A face has one normal, so its lit image is the unlit image times the face's brightness. The multiplication
-    uses sRGB values, as in engines.
+    Each face has one normal. Therefore the lit image of a face is the unlit image times the brightness of the
+    face. The multiplication uses sRGB values, as in engines.
     """
     lit = []
     # Multiply each pixel (H, W, 3) by the brightness of its face (H, W). The background has the face id -1.
     for frame in frames:
         faces = frame.face_id
-        assert faces is not None, "the standard tier has face ids"
+        assert faces is not None, "only frames of the standard tier have face ids"
         image = np.where(faces[..., None] < 0, frame.image, frame.image * light[faces][..., None])
         lit.append(replace(frame, image=image))
     return lit
@@ -88,7 +89,7 @@ def _draw_linear_colors(views: CauseViews) -> _Pair:
 
 
 def interpret_as_linear(frames: list[Frame]) -> list[Image]:
-    """Return the images of an engine that interprets sRGB colours as linear light and encodes them again."""
+    """Return images of an engine that encodes sRGB colours as sRGB once more."""
     return [
         np.where(frame.alpha[..., None] > 0, _to_srgb(np.clip(frame.image, 0, 1)), frame.image)
         for frame in frames
@@ -96,7 +97,7 @@ def interpret_as_linear(frames: list[Frame]) -> list[Image]:
 
 
 def _draw_back_faces(views: CauseViews) -> _Pair:
-    """Compare a mesh without back faces with a two-sided mesh."""
+    """Compare a mesh without its back faces with a two-sided mesh."""
     return views.standard.culled, views.standard.frames
 
 
@@ -112,7 +113,7 @@ def _without_view_dependence(asset: Asset) -> _Change:
 
 
 def _with_full_opacity(asset: Asset) -> _Change:
-    """Return `asset` with an opacity of 1 for all faces that its threshold selects."""
+    """Return `asset` with an opacity of 1 for all faces that its opacity threshold selects."""
     if asset.manifest.opacity.get("encoding") != "logit" or "opacity" not in asset.buffers:
         raise DoesNotApplyError("the faces have no opacity")
     stored = asset.buffers["opacity"]
@@ -136,7 +137,7 @@ def _with_hard_edges(asset: Asset) -> _Change:
 
 
 def _draw_change(change: Callable[[Asset], _Change]) -> _Draw:
-    """Return a function that compares native renderings of the original model and of a changed model."""
+    """Return a function that compares native renderings of the original and of a changed model."""
 
     def draw(views: CauseViews) -> _Pair:
         asset, settings = change(views.asset)
@@ -191,7 +192,7 @@ def _to_srgb(linear: Image) -> Image:
     return np.where(linear <= 0.0031308, 12.92 * linear, curve).astype(np.float32)
 
 
-# Causes that affect every opaque mesh in every engine. Each function removes one property from the model, for
+# Causes that affect every opaque mesh in every engine. Each function removes one property of the model, for
 # example the soft edges.
 BAKED: dict[str, Callable[[Asset], _Change]] = {
     "view_dependence": _without_view_dependence,
@@ -202,7 +203,7 @@ BAKED: dict[str, Callable[[Asset], _Change]] = {
 
 @dataclass(frozen=True)
 class CauseDefinition:
-    """A cause of quality loss, and the functions that draw images with and without it.
+    """A cause of quality loss, with functions that draw images with and without the cause.
 
     `title`, `how_to_see` and `remedy` are printed. `how_to_see` explains how to recognise the cause in a
     program.
@@ -231,7 +232,7 @@ CAUSES = (
         _draw_supersampling,
         "Zoom in: edges are jagged, and thin faces appear and disappear. Compare with msb render --tier "
         "dedicated --set supersample=1.",
-        "Render larger by the factor used in training and scale down, or turn on multisampling.",
+        "Supersample by the factor used in training, or turn on multisampling.",
     ),
     CauseDefinition(
         "shading",

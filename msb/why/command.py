@@ -28,8 +28,8 @@ def why(
     save: Annotated[
         Path | None,
         Option(
-            "Write an image for each cause into FOLDER: the left half is without the cause, the right half "
-            "with the cause.",
+            "Write an image for each cause into FOLDER. The left half shows the asset without this cause of "
+            "quality loss, the right half with the cause.",
             metavar="FOLDER",
             output="own",
         ),
@@ -41,10 +41,11 @@ def why(
 
     The asset is rendered with and without each cause. All other settings stay unchanged. Differences are
     clearly visible below 30 dB and invisible above 40 dB. The last lines compare the standard-tier mesh with
-    the native rendering. This comparison with the native rendering measures the loss of all causes together.
-    The report also separates the loss that engine settings can avoid from the loss that needs a bake. Without
-    --cameras the training cameras beside the asset are used. If the asset has no training cameras, cameras
-    around the asset are used.
+    the native rendering. This comparison measures the loss of all causes together. The report also separates
+    two parts of the loss: the part due to engine settings, and the part due to the mesh. Engine settings
+    avoid the first part of the loss, and a bake avoids the second part. Without --cameras the training
+    cameras beside the asset are used. If the asset has no training cameras, cameras around the asset are
+    used.
     """
     from msb.api.command_files import open_asset
     from msb.errors import about
@@ -89,7 +90,8 @@ def why(
 def _save_images(causes: list[Cause], folder: Path, *, overwrite: bool) -> None:
     """Write an image for each cause.
 
-    The left half of the image is without the cause, the right half with the cause.
+    The left half of the image shows the asset without this cause of quality loss, and the right half with the
+    cause.
     """
     import numpy as np
 
@@ -128,7 +130,10 @@ def _print(
     for line in _describe_total(causes, output.quiet):
         console.print(line, soft_wrap=output.quiet)
     if save is not None and not output.quiet:
-        console.print(f"Images, left without and right with each cause: {escape(str(save))}", soft_wrap=True)
+        console.print(
+            f"Images (left half without the cause, right half with the cause): {escape(str(save))}",
+            soft_wrap=True,
+        )
     absent = [cause for cause in causes if not cause.applies]
     if absent and not output.quiet:
         console.print("\nCauses that do not apply:")
@@ -146,8 +151,10 @@ def _format_db(db: float | None) -> str:
 
 
 def _describe_total(causes: Causes, quiet: bool) -> Iterator[str]:
-    """Yield lines of text about the loss of the standard-tier mesh. The text separates the loss that settings
-    avoid from the loss that a bake avoids."""
+    """Yield lines of text about the loss of the standard-tier mesh.
+
+    The text separates the loss that settings avoid from the loss that a bake avoids.
+    """
     from msb.why.total import TITLE
 
     total = causes.total

@@ -1,4 +1,7 @@
-"""Measure the causes of a loss of image quality on an asset: each cause alone, and all causes together."""
+"""Measure the causes of a loss of image quality on an asset.
+
+Each cause is measured alone, then all causes are measured together.
+"""
 
 from __future__ import annotations
 
@@ -39,11 +42,11 @@ class Cause:
         PSNR in dB between the images with and without the cause, over all views. The PSNR is inf for equal
         images, and None if the cause does not apply.
     reason : str or None
-        Why the cause does not apply; None if the cause applies.
+        The reason why the cause does not apply. If the cause applies, the value is None.
     how_to_see : str
         How to recognise the cause in a program.
     remedy : str
-        How to avoid it.
+        How to avoid the cause.
     without, with_it : (H, W, 3) float32 or None
         The images without and with the cause, in the view with the largest difference.
     """
@@ -104,18 +107,18 @@ def why(
     background : (3,) floats, or str, optional
         The background, with the values and the default of `msb.render`.
     settings : mapping, optional
-        Settings of all renderings; they replace the settings stored in the asset.
+        Settings of all renderings. The given values replace the settings stored in the asset.
     device : str, optional
         The OpenCL device.
     step : callable
-        Called after each cause, and after the total.
+        Callback that is called after each cause, and after the total.
 
     Returns
     -------
     list of Cause
         One entry for each of `CAUSES`, including causes that do not apply. If no camera sees the asset, no
-        cause applies. The list's attribute `total` contains the loss of the standard-tier mesh, and `views`
-        the `cameras` that see the asset.
+        cause applies. The list's attribute `total` contains the loss of the standard-tier mesh. The attribute
+        `views` contains the `cameras` that see the asset.
 
     Raises
     ------

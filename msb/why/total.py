@@ -10,7 +10,7 @@ from msb.why.causes import BAKED, apply_light, interpret_as_linear
 from msb.why.views import EQUAL, CauseViews, DoesNotApplyError
 
 TITLE = "Standard-tier mesh with every engine setting right (unlit, two-sided, colours unchanged)"
-# A cause with a higher PSNR in dB is invisible and does not explain the remaining loss.
+# If the PSNR of a cause in dB is higher, the cause is invisible and does not explain the remaining loss.
 _VISIBLE = 40.0
 
 
@@ -25,7 +25,7 @@ class Total:
     db : float or None
         The mesh rendered by `msb render`.
     reason : str or None
-        Why the numbers are missing.
+        The reason why the numbers are missing.
     wrong : float or None
         The mesh with every engine setting wrong: lit, colours interpreted as linear, back faces culled.
     right : float or None
@@ -35,7 +35,7 @@ class Total:
         The native rendering of the model without view-dependent colours, transparency and soft edges, which
         no opaque mesh can show. Only a bake can avoid this loss.
     bakes : tuple of str
-        Names of the visible causes of the loss `baked`, the largest loss first.
+        Names of the visible causes of the loss `baked`. The cause with the largest loss comes first.
     """
 
     db: float | None

@@ -1,4 +1,4 @@
-"""Images of one asset, rendered in all the ways that the causes compare."""
+"""Images of one asset, rendered in all the ways that measuring the causes requires."""
 
 import contextlib
 from collections.abc import Sequence
@@ -28,12 +28,12 @@ Image = NDArray[np.float32]
 
 # PSNR in dB above which images differ only by rounding and are reported as equal.
 EQUAL = 90.0
-# Settings of native renderers that determine the number of samples per pixel along each axis.
+# For each native renderer, the setting for the number of samples per pixel along each axis.
 _SAMPLING_SETTINGS = ("supersample", "render_up_scale")
 
 
 class DoesNotApplyError(Exception):
-    """Raised if a cause does not apply to the asset; the text is the reason."""
+    """Raised if a cause does not apply to the asset. The text of the error is the reason."""
 
 
 class _StandardImages(NamedTuple):
@@ -43,21 +43,21 @@ class _StandardImages(NamedTuple):
     frames: list[Frame]
     # Without back faces.
     culled: list[Frame]
-    # Images with the samples per pixel of the native renderer. Without a native renderer, an image has 16
-    # samples per pixel.
+    # Images with the samples per pixel of the native renderer. If the method has no native renderer, an image
+    # has 16 samples per pixel.
     supersampled: list[Image]
 
 
 class CauseViews:
-    """The cameras of an asset and its renderings. Every kind of rendering is drawn at most once.
+    """The cameras of an asset and its renderings. Each kind of rendering is computed at most once.
 
     Attributes
     ----------
     chosen : msb.views.ChosenViews
         The cameras that see the asset.
     samples : dict
-        The samples per pixel along each axis, by the name of the native renderer's setting. If the renderer
-        takes one sample per pixel, `samples` is empty.
+        The number of samples per pixel along each axis. The key is the name of the setting in the native
+        renderer. If the native renderer takes one sample per pixel, `samples` is empty.
     """
 
     def __init__(
@@ -172,7 +172,7 @@ def clip_image(frame: Any) -> Image:
 
 
 class _CullingRenderer(StandardRenderer):
-    """Renderer of the selected faces of an asset. Until `select` is called, all faces are drawn."""
+    """A renderer that draws the selected faces of an asset. Until `select` is called, all faces are drawn."""
 
     def __init__(self, asset: Asset, device: str | None) -> None:
         super().__init__(asset, device=device)

@@ -11,12 +11,12 @@ from msb_viewers.model import ViewModel
 
 # Vertical field of view in radians.
 FOV_Y = math.radians(30)
-# Angles of the first view in radians. The first view shows three sides of an object at oblique angles.
+# Angles of the first view in radians. The first view of an object shows three of its sides at oblique angles.
 AZIMUTH, ELEVATION = math.radians(35), math.radians(20)
-# Distance of the first view. At distance 1 the whole mesh just fits into the view.
+# Distance of the camera in the first view. At distance 1, the whole mesh just fits into the view.
 _MARGIN = 1.04
-# Distance between the camera and an element. The unit is the radius of the faces around the element. The
-# faces around the element then fill about half of the window.
+# Distance between the camera and an element. The unit is the radius of the faces around the element. At this
+# distance, the faces around the element fill about half of the window.
 _NEIGHBOURHOOD = 4.5
 
 
@@ -33,7 +33,7 @@ class Pose:
 
     @property
     def distance(self) -> float:
-        """Distance from the eye to the target."""
+        """The distance from the eye to the target."""
         return float(np.linalg.norm(self.eye - self.target))
 
 
@@ -49,8 +49,10 @@ def up_vector(axis: str) -> NDArray[np.float64]:
 
 
 def default_pose(axis: str, aspect: float) -> Pose:
-    """Return the first view of a mesh. The unit sphere fills an area; `aspect` is the width of this area
-    divided by its height."""
+    """Return the first view of a mesh.
+
+    The unit sphere fills an area whose width divided by its height is `aspect`.
+    """
     up = up_vector(axis)
     # Compute the two other axes, so that (first, second, up) is a right-handed frame.
     first = np.roll(np.abs(up), 1)
@@ -64,13 +66,13 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
     """Return a view of an element with `vertices` (k,). If possible, no other face hides the element.
 
     The result is None if the element has no finite position. The direction is chosen among about 100
-    candidates. The most important criterion is that no faces are between element and camera. If several
-    directions have equally few faces in between, frontal views of the element are preferred. Views close to
-    the `current` view are also preferred.
+    candidates. The most important criterion is that no faces are between the element and the camera. If
+    several directions have equally few hiding faces, frontal views of the element are preferred. Views close
+    to the `current` view are also preferred.
     """
     if not bool(model.finite(vertices[None])[0]):
         return None
-    # Find the faces at the element and their radius, and compute the camera distance.
+    # Find the faces at the element, compute their radius, and compute the camera distance.
     points, faces = model.points, model.faces
     target = points[vertices].astype(np.float64).mean(axis=0)
     touching = np.zeros(len(points), bool)
@@ -79,11 +81,11 @@ def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pos
     around = points[faces[nearby]].reshape(-1, 3) if len(nearby) else points[vertices]
     radius = float(np.linalg.norm(around - target, axis=1).max(initial=0.0))
     distance = _NEIGHBOURHOOD * (radius if radius > 1e-7 else 0.02)
-    # Other faces that can be between the element and the camera.
+    # Select the other faces that can be between the element and the camera.
     blockers = np.flatnonzero(_may_reach(points, faces, target, distance) & model.drawn)
     blockers = np.setdiff1d(blockers, nearby, assume_unique=True)
-    # Candidate directions (m, 3): the current direction, the normals of the faces, and 48 directions on a
-    # sphere.
+    # Collect candidate directions (m, 3): the current direction, the normals of the faces, and 48 directions
+    # on a sphere.
     prefer = _unit(current.eye - current.target)
     normals = _normals(points[faces[nearby]].astype(np.float64))
     directions = np.concatenate([prefer[None], normals, -normals, sphere(48)])[:120]
@@ -119,8 +121,10 @@ def component_pose(model: ViewModel, component: int, current: Pose, aspect: floa
 
 
 def _fitting_distance(aspect: float) -> float:
-    """Return the distance at which a sphere fills a window with this aspect. The unit is the radius of the
-    sphere."""
+    """Return the distance at which a sphere fills a window with the given aspect ratio.
+
+    The unit is the radius of the sphere.
+    """
     narrow = min(FOV_Y, 2 * math.atan(math.tan(FOV_Y / 2) * max(aspect, 0.1)))
     return _MARGIN / math.sin(narrow / 2)
 
@@ -128,9 +132,12 @@ def _fitting_distance(aspect: float) -> float:
 def _may_reach(
     points: NDArray[np.float32], faces: NDArray[Any], target: NDArray[np.float64], reach: float
 ) -> NDArray[np.bool_]:
-    """Return a mask (F,) of faces that may intersect the cube around `target` with half-width `reach`."""
-    # Each vertex has six bits, one for each side of the cube. A bit is set if the vertex is outside that side
-    # of the cube. If all vertices of a face have the same bit, the face is outside.
+    """Return a mask (F,) of the faces that may intersect a cube.
+
+    The cube is centred at `target` and has the half-width `reach`.
+    """
+    # Each vertex has six bits, one for each side of the cube. A bit is set if the vertex is beyond this side
+    # of the cube. If all vertices of a face have the same bit set, the face is outside the cube.
     code = np.zeros(len(points), np.uint8)
     for axis in range(3):
         away = points[:, axis] - np.float32(target[axis])
@@ -145,8 +152,8 @@ def _hits(
     directions: NDArray[np.float64],
     reach: float,
 ) -> NDArray[Any]:
-    """Cast m rays in unit directions (m, 3). Return for each ray the number of triangles (n, 3, 3) that it
-    hits.
+    """Cast m rays in unit directions (m, 3). For each ray, return the number of triangles (n, 3, 3) that the
+    ray hits.
 
     Rays start at `origin` and have the length `reach`.
     """
@@ -155,11 +162,12 @@ def _hits(
     height = (normal * a).sum(axis=1)
     counts = np.zeros(len(directions), int)
     for row, direction in enumerate(directions):
-        # The ray passes inside the triangle if three volumes have the same sign.
+        # The ray passes inside the triangle if the three volumes have the same sign.
         sides = np.stack([np.cross(p, q) @ direction for p, q in ((a, b), (b, c), (c, a))])
         inside = (sides > 0).all(axis=0) | (sides < 0).all(axis=0)
         along = normal @ direction
-        # The distance along the ray is height / along. Compare the distance along the ray without a division.
+        # The distance along the ray is `height` divided by `along`. Compare the distance along the ray with
+        # the limits without a division.
         counts[row] = np.count_nonzero(
             inside & (height * along > 0) & (np.abs(height) < reach * np.abs(along))
         )

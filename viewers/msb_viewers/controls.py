@@ -11,14 +11,14 @@ import numpy as np
 if TYPE_CHECKING:
     from msb_viewers.viewer import TopologyViewer
 
-# Half-width of a new clipping box, in radii of the sphere that the first view shows.
+# Half-width of a new clipping box. The unit is the radius of the sphere that the first view shows.
 _BOX = 1.02
-# Maximum distance in pixels between press and release of a click.
+# Maximum distance in pixels between the press and the release of the mouse button in a click.
 _CLICK = 4
-# Priority of the event handlers below. These event handlers must run before the handlers of VTK's
-# interactor style, because that style also uses most keys.
+# Priority of the event handlers below. These event handlers must run before the handlers of VTK's interactor
+# style, because that style also uses most keys.
 _FIRST = 10.0
-# Names of VTK or X11 keys, and the names of the same keys in `TopologyControls.keys`.
+# Names of VTK or X11 keys. The values are the names of the same keys in `TopologyControls.keys`.
 _NAMES = {
     "[": "bracketleft",
     "]": "bracketright",
@@ -63,7 +63,7 @@ class TopologyControls:
         self._widget: Any = None
 
     def key(self, name: str) -> bool:
-        """Perform the action of a key; return whether the key has an action."""
+        """Perform the action of a key. Return whether the key has an action."""
         name = key_name(name)
         if name == "q":
             if self.interactor is not None:
@@ -91,25 +91,25 @@ class TopologyControls:
         self.viewer.refresh()
 
     def press(self, x: int, y: int) -> bool:
-        """Store the pixel where the left button is pressed; return whether this pixel is on the legend."""
+        """Store the pixel where the left button is pressed. Return whether this pixel is on the legend."""
         self._pressed = x, y
         return self.viewer.legend_hit(x, y) is not None
 
     def release(self, x: int, y: int) -> bool:
-        """Perform a click, unless the mouse was dragged."""
+        """If the mouse was not dragged, perform a click."""
         pressed, self._pressed = self._pressed, None
         if pressed is not None and max(abs(x - pressed[0]), abs(y - pressed[1])) <= _CLICK:
             self.click(x, y)
         return False
 
     def set_moving(self, on: bool) -> None:
-        """Draw simplified meshes while the view moves, and everything when it stops."""
+        """While the view moves, draw simplified meshes; when it stops, draw everything."""
         self.viewer.stage.moving = on
         self.viewer.stage.sync(self.viewer.state)
         self.viewer.render()
 
     def adapt_view(self) -> None:
-        """Adapt sizes and depth range after VTK rotated, moved or zoomed the view."""
+        """Adapt sizes and depth range after VTK has rotated, moved or zoomed the view."""
         self.viewer.stage.resize(self.viewer.pixels_per_unit())
         self.viewer.fit_depth()
 
@@ -164,7 +164,10 @@ class TopologyControls:
         return False
 
     def _toggle_box(self) -> None:
-        """Switch the clipping box on or off. In a window the clipping box has handles to drag."""
+        """Switch the clipping box on or off.
+
+        In a window, the clipping box has handles that the user can drag.
+        """
         viewer = self.viewer
         if viewer.stage.box is not None:
             viewer.set_box(None)
@@ -216,7 +219,7 @@ def _listen(target: Any, event: str, handler: Callable[[], bool]) -> None:
 
 
 def _free_name(name: str) -> Path:
-    """Return an unused file name in the current folder for a screenshot. The file name begins like `name`."""
+    """Return an unused file name in the current folder for a screenshot. The file name begins with `name`."""
     stem = Path(name).stem or "mesh"
     number = 1
     while (path := Path(f"{stem}_view_{number}.png")).exists():
@@ -225,7 +228,7 @@ def _free_name(name: str) -> Path:
 
 
 def key_name(name: str) -> str:
-    """Return the name of a key in `TopologyControls.keys`, also for keys of the numeric keypad.
+    """Return the name of a key in `TopologyControls.keys`. Keys of the numeric keypad are also accepted.
 
     >>> key_name("KP_1"), key_name("Home"), key_name("[")
     ('1', 'home', 'bracketleft')

@@ -43,21 +43,24 @@ _TEXEL = """
   gl_FragData[0] = vec4(mix(12.92 * light, curve, step(0.0031308, light)), 1.0);
 """
 _WRAP_CODE = {
-    # GLSL code that wraps the texture coordinate {c}. The code is needed if u and v wrap differently,
-    # because VTK has a single wrap mode for both coordinates. {rim} is half a texel.
+    # GLSL code that wraps the texture coordinate {c}. The code is needed if the wrap modes of u and v differ,
+    # because VTK has a single wrap mode for both coordinates.
     "repeat": "",
     "mirror": "place.{c} = clamp(1.0 - abs(mod(place.{c}, 2.0) - 1.0), {rim}, 1.0 - {rim}); ",
     "clamp": "place.{c} = clamp(place.{c}, {rim}, 1.0 - {rim}); ",
 }
 # For each wrap mode, the constant of VTK (`vtkTexture.ClampToEdge`, `Repeat`, `MirroredRepeat`).
 _WRAPS = {"clamp": 0, "repeat": 1, "mirror": 2}
-# Offset of markers and lines towards the camera, in steps of the depth buffer, so that the surface does not
-# hide them.
+# Offset of markers and lines towards the camera, in steps of the depth buffer. If there were no offset, the
+# surface would hide the markers and lines.
 _POINT_OFFSET, _LINE_OFFSET = -16.0, -8.0
 
 
 def silence_vtk() -> None:
-    """Keep VTK from writing to standard error. Other code detects and reports relevant errors."""
+    """Keep VTK from writing to standard error.
+
+    Other code of this package detects and reports relevant errors.
+    """
     from vtkmodules.vtkCommonCore import vtkLogger, vtkObject
 
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
@@ -76,8 +79,8 @@ def surface(
     """Return an actor of triangles (n, 3) with `colors` (V | n | 3n, 3) in sRGB bytes, or with a uniform
     `color`.
 
-    The `domain` of the colours is vertex, face or corner. `shade` in [0, 1] is the loss of brightness of a
-    face that is seen edge-on; 0 is unlit.
+    The `domain` of the colours is vertex, face or corner. `shade` in [0, 1] is the loss of brightness for a
+    face that is seen edge-on. The value 0 of `shade` means unlit.
     """
     if domain == "corner" and colors is not None:
         points = points[faces].reshape(-1, 3)
@@ -114,18 +117,19 @@ def textured(
 
     The texture is multiplied by corner colours `tint` (3n, 4), and is not drawn where alpha is below
     `cutoff`. Filtering and multiplication are in linear light, as on the standard tier (opaque rendering).
-    The standard tier decodes tints at each corner; this actor decodes tints at each pixel.
+    The standard tier decodes tint colours at each corner, but this actor decodes tint colours at each pixel.
     """
     from vtkmodules.vtkCommonDataModel import vtkImageData
     from vtkmodules.vtkRenderingCore import vtkTexture
 
-    # Create the surface with texture coordinates and corner colours; without tints, the corners are white.
+    # Create the surface with texture coordinates and corner colours. If `tint` is missing, the corners are
+    # white.
     white = np.full((faces.size, 4), 255, np.uint8) if tint is None else tint
     actor = surface(points, faces, white, "corner")
     actor.GetMapper().GetInput().GetPointData().SetTCoords(_vtk(uvs.reshape(-1, 2)))
     height, width, channels = image.shape
     data = vtkImageData()
-    data.SetDimensions(width, height, 1)  # row 0 is v = 0 in VTK, too
+    data.SetDimensions(width, height, 1)  # row 0 of a texture is v = 0 in VTK, too
     data.GetPointData().SetScalars(_vtk(image.reshape(-1, channels)))
     texture = vtkTexture()
     texture.SetInputData(data)
@@ -134,7 +138,7 @@ def textured(
     texture.SetInterpolate(sampler.filter == "linear")
     texture.SetMipmap(sampler.mipmaps)
     texture.SetMaximumAnisotropicFiltering(1.0)
-    # The shader implements different wrap modes of u and v.
+    # The shader handles different wrap modes of u and v.
     wraps = sampler.wrap_u, sampler.wrap_v
     texture.SetWrap(_WRAPS[wraps[0]] if wraps[0] == wraps[1] else vtkTexture.Repeat)
     wrap_code = ""
@@ -183,7 +187,10 @@ def markers(points: NDArray[np.float32], color: Color, shape: str, size: float) 
 
 
 def clip(actors: Iterable[Any], box: NDArray[Any] | None) -> None:
-    """Draw only the part inside a box (3, 2) with low and high ends per axis; None draws everything."""
+    """Draw only the part inside a box (3, 2), which has a low and a high end per axis.
+
+    None draws everything.
+    """
     from vtkmodules.vtkCommonDataModel import vtkPlane
 
     planes = []
@@ -217,7 +224,7 @@ class Overlay:
         self.size = (0, 0)
 
     def set(self, image: NDArray[np.uint8]) -> None:
-        """Show `image` (H, W, 4), row 0 at the top."""
+        """Show `image` (H, W, 4). Row 0 is at the top."""
         from vtkmodules.vtkCommonDataModel import vtkImageData
 
         height, width = image.shape[:2]

@@ -15,23 +15,25 @@ from msb_viewers.model import ViewModel
 from msb_viewers.palette import FAN_COLORS, INK, STYLES
 from msb_viewers.sheet import Panel, list_panel
 
-# Minimum distance by which a fan is moved. The unit is the radius of the faces at the vertex.
+# Minimum distance by which a fan of faces is moved. The unit is the radius of the faces at the vertex.
 _APART = 0.6
-# Length of the arc for each fan on the circle. The unit is the radius of the faces at the vertex.
+# Length of the arc that each fan of faces needs on the circle. The unit is the radius of the faces at the
+# vertex.
 _ROOM = 0.9
-# Maximum number of fans that are drawn. More fans would overlap in the drawing; the text counts all fans.
+# Maximum number of fans of faces that are drawn. If more fans were drawn, the drawings would overlap. The
+# text counts all fans at the vertex.
 _MOST_FANS = 12
-# Maximum number of lines of text.
+# Maximum number of lines in the text of the fan inspector.
 _MOST_LINES = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Fan:
-    """A fan: its faces (n,), and the positions of these faces in the drawing.
+    """A fan of faces around a vertex: its faces (n,), and the positions of these faces in the drawing.
 
-    `triangles` (n, 3, 3) are relative to the vertex and moved by `offset`. The unit is the radius of the
-    faces at the vertex. `boundary` (k, 2, 3) contains the edges at the vertex with one face. `crowded` (k, 2,
-    3) contains the edges with more than two faces.
+    `triangles` (n, 3, 3) are relative to the vertex, and they are moved by `offset`. The unit is the radius
+    of the faces at the vertex. `boundary` (k, 2, 3) contains the edges at the vertex with one face. `crowded`
+    (k, 2, 3) contains the edges with more than two faces.
     """
 
     number: int
@@ -45,7 +47,7 @@ class Fan:
 
 @dataclass(frozen=True, eq=False)
 class Neighbourhood:
-    """All fans at a vertex, and the counts of the audit."""
+    """All fans of faces at a vertex, and the counts of the audit."""
 
     fans: tuple[Fan, ...]
     fan_count: int
@@ -67,7 +69,10 @@ class Neighbourhood:
         return f"non-manifold: {self.fan_count} fans ({', '.join(kinds)})"
 
     def lines(self) -> list[str]:
-        """Return one line of text for each drawn fan, and a last line with the number of hidden fans."""
+        """Return one line of text for each drawn fan of faces.
+
+        The last line contains the number of fans that are not drawn.
+        """
         texts = [
             f"fan {fan.number}: {_plural(len(fan.faces), 'face')}, {'closed' if fan.closed else 'open'}"
             for fan in self.fans
@@ -77,20 +82,20 @@ class Neighbourhood:
 
 
 def find_neighbourhood(model: ViewModel, vertex: int) -> Neighbourhood:
-    """Return the fans at `vertex`, each moved away from the vertex. O(F) time."""
-    # Valid faces (n,) with a corner at the vertex, and the fan of each face.
+    """Return the fans of faces around `vertex`. Each fan is moved away from the vertex. O(F) time."""
+    # Find the valid faces (n,) with a corner at the vertex, and the fan of each face.
     analysis, faces = model.analysis, model.faces
     rows, corners = np.nonzero(faces == vertex)
     fan_of = analysis.fans.corner_fan[3 * rows + corners]
     proper = (fan_of >= 0) & model.drawn[rows]
     rows, corners, fan_of = rows[proper], corners[proper], fan_of[proper]
-    # The corners (n, 3, 3) of these faces relative to the vertex, scaled to radius 1.
+    # Compute the corners (n, 3, 3) of these faces relative to the vertex, scaled to radius 1.
     center = model.points[vertex].astype(np.float64)
     triangles = model.points[faces[rows]].astype(np.float64) - center
     radius = float(np.linalg.norm(triangles, axis=2).max(initial=0.0)) or 1.0
     triangles /= radius
     fan_numbers, part = np.unique(fan_of, return_inverse=True)
-    # Sort the fans by size, the largest fan first.
+    # Sort the fans of faces by size. The largest fan comes first.
     order = np.argsort(-np.bincount(part, minlength=len(fan_numbers)), kind="stable")[:_MOST_FANS]
     # Move each fan along the direction of its centroid in the view plane.
     frame = _frame(triangles, part)
@@ -117,16 +122,18 @@ def _fan(
     triangles: NDArray[np.float64],
     offset: NDArray[np.float64],
 ) -> Fan:
-    """Return a fan of the faces `rows` (n,); `corners` (n,) tells which corner of each face is at the
-    vertex."""
-    # The two half-edges of each face at the vertex, and the vertices at their other ends.
+    """Return a fan that consists of the faces `rows` (n,).
+
+    `corners` (n,) is the index of the corner at the vertex for each face.
+    """
+    # For each face, find its two half-edges at the vertex, and the vertices at their other ends.
     leaving, coming = 3 * rows + corners, 3 * rows + (corners + 2) % 3
     faces_at_edge = model.analysis.mesh.multiplicity
     edge = model.analysis.mesh.edge
     index = np.arange(len(rows))
     far = np.concatenate([triangles[index, (corners + 1) % 3], triangles[index, (corners + 2) % 3]])
     number_of = np.concatenate([edge[leaving], edge[coming]])
-    # The distinct edges at the vertex, with their number of faces.
+    # Find the distinct edges at the vertex, and count the faces of each edge.
     _, once = np.unique(number_of, return_index=True)
     count = faces_at_edge[number_of[once]]
     spokes = np.stack([np.zeros((len(once), 3)), far[once]], axis=1) + offset
@@ -153,21 +160,21 @@ def _spread(directions: NDArray[np.float64]) -> NDArray[np.float64]:
     place = np.zeros(count)
     place[np.argsort(angle, kind="stable")] = np.arange(count)
     even = 2 * np.pi * place / count
-    # Rotate all angles so that the fans move as little as possible.
+    # Rotate all angles by the same amount, so that the fans move as little as possible.
     even += float(np.angle(np.exp(1j * (angle - even)).mean()))
     radius = max(_APART, _ROOM * count / (2 * np.pi))
     return radius * np.stack([np.cos(even), np.sin(even)], axis=1)
 
 
 def _frame(triangles: NDArray[np.float64], part: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the axes (3, 3) of a view that shows all fans well. The rows point right, up and towards the
-    camera.
+    """Return the axes (3, 3) of a view in which all fans are well visible. The rows of the matrix point
+    right, up and towards the camera.
 
-    `part` (n,) is the fan of each of the `triangles` (n, 3, 3).
+    `part` (n,) is the index of the fan for each triangle in `triangles` (n, 3, 3).
     """
     if len(triangles) == 0:
         return np.eye(3)
-    # Visible fraction of each fan's area, projected along 128 directions.
+    # Compute the visible fraction of each fan's area, projected along 128 directions.
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     directions = sphere(128)
     seen = np.zeros((part.max() + 1, len(directions)))
@@ -176,7 +183,7 @@ def _frame(triangles: NDArray[np.float64], part: NDArray[Any]) -> NDArray[np.flo
     share = seen[whole > 0] / whole[whole > 0, None]
     if len(share) == 0:
         return np.eye(3)
-    # Maximise the worst visibility of a fan first, then the average of all fans.
+    # First maximise the visibility of the least visible fan, then the average visibility of all fans.
     forward = directions[int(np.argmax(share.min(axis=0) + 0.1 * share.mean(axis=0)))]
     right = np.cross(np.eye(3)[int(np.argmin(np.abs(forward)))], forward)
     right /= np.linalg.norm(right)
@@ -188,7 +195,7 @@ def _plural(count: int, word: str) -> str:
 
 
 class Inset:
-    """The renderer in the lower right corner that draws the fans, and the text above this corner."""
+    """The renderer in the lower right corner that draws the fans of faces, and the text above this corner."""
 
     def __init__(self, window: Any, layer: int) -> None:
         from vtkmodules.vtkRenderingCore import vtkRenderer
@@ -202,7 +209,10 @@ class Inset:
         self.panel: Panel | None = None
 
     def show(self, model: ViewModel, vertex: int | None, scale: float) -> str:
-        """Show the fans of a vertex, or nothing for None; return the message for the status line."""
+        """Show the fans of faces at a vertex.
+
+        If the vertex is None, show nothing. Return the message for the status line.
+        """
         self.renderer.RemoveAllViewProps()
         self.renderer.SetDraw(vertex is not None)
         if vertex is None:
@@ -223,7 +233,7 @@ class Inset:
         return f"Vertex {row}: {around.verdict}"
 
     def _set_camera(self, around: Neighbourhood) -> None:
-        """Point the camera at all fans, along the third axis of the neighbourhood's frame."""
+        """Point the camera at all fans of faces, along the third axis of the view."""
         parts = [fan.triangles.reshape(-1, 3) for fan in around.fans]
         points = np.concatenate(parts) if parts else np.zeros((1, 3))
         frame = around.frame
@@ -278,13 +288,16 @@ def number_label(fan: Fan, scale: float) -> Any:
 
 
 def size_of(window: tuple[int, int], panel: Panel) -> int:
-    """Return the side length in pixels of the square below the text, in which the fans are drawn."""
+    """Return the side length in pixels of the square for the fans. The square is below the text."""
     width, height = window
     return max(min(int(panel.image.shape[1]), height - int(panel.image.shape[0]) - 40, width // 3), 60)
 
 
 def background(panel: Panel, side: int) -> NDArray[np.uint8]:
-    """Return the image of the text with a white square of `side` pixels below it for the fans."""
+    """Return the image of the text.
+
+    Below the text, the image has a white square of `side` pixels for the fans.
+    """
     height, width = panel.image.shape[:2]
     image = np.zeros((height + side, width, 4), np.uint8)
     image[:] = 255

@@ -26,11 +26,12 @@ if TYPE_CHECKING:
 
 # Side of an image in pixels: 3.2 inches on paper at 200 dots per inch.
 _SIDE = 640
-# Factor for the camera distance of a close-up; `element_pose` gives the distance for factor 1.
+# Factor for the camera distance of a close-up. The function `element_pose` returns the camera distance for
+# factor 1.
 _CLOSER = 0.9
-# Dots per inch of the file.
+# Dots per inch of the figure's file.
 _DPI = 130
-# Scale of lines and markers. Each image of the figure is later reduced to about 400 pixels.
+# Scale of lines and markers in the figure. Each image of the figure is later scaled down to about 400 pixels.
 _BOOST = 1.4
 
 
@@ -43,7 +44,7 @@ class Column:
     kinds: tuple[str, ...]
     # The colouring of the mesh.
     coloring: str
-    # The text that replaces the close-up if the mesh has no element of this kind.
+    # The text that replaces the close-up if the mesh has no element of the column's kind.
     nothing: str
 
 
@@ -67,7 +68,7 @@ def write_figure(model: ViewModel, path: Path, *, up: str | None = None, dpi: in
     need_extra("view", "matplotlib", what="a figure")
     buffer = io.BytesIO()
     kind = path.suffix.lower()[1:]
-    # The file has no date, so that equal meshes give equal bytes.
+    # The file contains no date, so equal meshes give equal bytes.
     stamp: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
     compose(model, render_columns(model, up)).savefig(
         buffer, format=kind, dpi=dpi, metadata=stamp[kind], facecolor="white"
@@ -110,7 +111,7 @@ def _render_column(
 
 
 def _close_up(viewer: TopologyViewer, column: Column) -> Pose | None:
-    """Return the pose for a close-up of the element nearest to the camera.
+    """Return the camera pose for a close-up of the element nearest to the camera.
 
     Elements in the largest component are preferred.
     """
@@ -125,7 +126,7 @@ def _close_up(viewer: TopologyViewer, column: Column) -> Pose | None:
     else:
         if len(model.sizes) < 2:
             return None
-        # Find faces of the second to the thirteenth largest component.
+        # Find faces of the components from the second largest to the thirteenth largest.
         first = np.flatnonzero((model.face_component >= 1) & (model.face_component <= 12) & model.drawn)
         candidates = model.faces[first]
     if len(candidates) == 0:

@@ -1,4 +1,4 @@
-"""Check in a child process whether VTK can draw, because VTK ends the process without OpenGL."""
+"""Check in a child process whether VTK can draw. If OpenGL is missing, VTK ends the process."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ NO_GL = (
 NO_DISPLAY = (
     "a window needs a display; without one use msb view --screenshot FILE.png or msb view --html FILE.html"
 )
-# Time limit in seconds. Software OpenGL on a busy machine takes a few seconds, and a driver can hang.
+# Time limit of the test in seconds. On a busy machine, software OpenGL needs a few seconds. A graphics driver
+# can also stop responding.
 _SECONDS = 60
 
 
@@ -81,7 +82,7 @@ class GlProbe:
 
 
 def check_display() -> None:
-    """Check that a window has a display; raise VIEW_NO_DISPLAY otherwise."""
+    """Check that a window has a display. If no display exists, raise VIEW_NO_DISPLAY."""
     if sys.platform in ("win32", "darwin"):
         return
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):

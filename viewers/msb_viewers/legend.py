@@ -14,7 +14,10 @@ if TYPE_CHECKING:
 
 
 def legend_panel(state: ViewState, scale: float = 1.0) -> Panel:
-    """Return the legend: counts, verdict, and a row with check box, number and key for each layer."""
+    """Return the legend: counts, verdict, and one row for each layer.
+
+    A row of the legend has a check box, a number and a key.
+    """
     return draw_panel(lambda sheet: _legend(sheet, state), LEGEND_WIDTH, scale)
 
 
@@ -55,7 +58,7 @@ def _layer_row(sheet: Sheet, state: ViewState, kind: str) -> None:
     middle = (sheet.px(51), top + sheet.px(ROW) / 2)
     draw_symbol(sheet.draw, style, middle, sheet.px(28), sheet.scale)
     sheet.text(72, style.label, 12.5, color, bold=active)
-    if active:  # mark the layer in which the keys N and P step
+    if active:  # mark the active layer, whose elements are selected by the keys N and P
         x, y, r = sheet.px(4), top + sheet.px(ROW) / 2, sheet.px(5)
         sheet.draw.polygon([(x, y - r), (x, y + r), (x + r, y)], HIGHLIGHT)
     sheet.text(-28, f"{count:,}", 12.5, color)
@@ -80,7 +83,7 @@ def _component_row(sheet: Sheet, state: ViewState) -> None:
     sheet.targets.append((top, sheet.y, "components"))
     if not on or not len(state.model.sizes):
         return
-    # One row for each size class, beginning with the largest component.
+    # Draw one row for each size class, beginning with the largest component.
     rows = [(NEUTRAL, f"largest: {int(state.model.sizes[0]):,} faces", 1)]
     rows += [(c.color, size_label(c.low, c.high), c.components) for c in reversed(state.model.size_classes())]
     for color, label, count in rows:

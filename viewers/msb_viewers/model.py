@@ -14,11 +14,12 @@ from msb_viewers.palette import NEUTRAL, SIZE_CLASSES, STYLES, Style
 from msb_viewers.viewed_mesh import Colors, Skin, ViewedMesh, find_seam_edges
 
 SOUP_NOTE = (
-    "Triangle soup: the triangles share no vertices, so every edge is a boundary edge and none is drawn."
+    "Triangle soup: the triangles share no vertices, so every edge is a boundary edge. Boundary edges are "
+    "not drawn."
 )
 CLEAN_NOTE = "No defects: closed, manifold, consistently wound."
 EMPTY_NOTE = "The mesh has no faces to draw."
-# Layers by severity, the most severe first.
+# Layers sorted by severity. The most severe layer comes first.
 _WORST_FIRST = (
     "degenerate_faces",
     "duplicate_faces",
@@ -27,18 +28,20 @@ _WORST_FIRST = (
     "multifan_vertices",
     "boundary_edges",
 )
-# Maximum total number of elements that are visible at first. With more elements the view is hard to read.
+# Maximum number of elements that are visible at first, over all layers. If more elements are visible, the
+# view is hard to read.
 _VISIBLE_AT_FIRST = 12_000
 # Number of vertices that are sampled for the first view.
 _FRAMING_SAMPLE = 100_000
-# Ratio of the radii of two spheres: a sphere around all vertices, and a sphere around 95 % of the vertices.
-# Above this ratio, the first view leaves out distant vertices.
+# Maximum ratio of the radii of two spheres. The first sphere contains all vertices, and the second sphere 95
+# % of the vertices. If the ratio is larger, the first view leaves out distant vertices.
 _FAR_OUT = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """The elements of one kind: their indices in the audit (n,), and their vertices (n, 1 | 2 | 3), integers.
+    """The elements of one kind. The arrays contain the elements' indices in the audit (n,) and their vertices
+    (n, 1 | 2 | 3), both integers.
 
     Edges are indexed in the order of their vertex pairs.
     """
@@ -53,7 +56,7 @@ class Layer:
 
 @dataclass(frozen=True)
 class SizeClass:
-    """The number of components with `low` to `high` faces (inclusive), and their colour."""
+    """The number of components that have `low` to `high` faces (inclusive), and their colour."""
 
     low: int
     high: int | None
@@ -67,9 +70,10 @@ class ViewModel:
 
     `points` (V, 3) are in view units. The stored position is ``center + scale * point``, and the first view
     shows the unit sphere. float32 is then precise enough for georeferenced meshes, and cannot overflow. A
-    vertex that is not `drawable` is at the origin, and no face in `drawn` uses it. `face_component` (F,) is
-    0 in the largest component, and -1 for faces that list a vertex twice. `sizes` are the numbers of faces
-    of the components in descending order. `layers` maps kinds to layers, in the order of the legend.
+    vertex is not `drawable` if its coordinates are not finite. A vertex that is not drawable is placed at the
+    origin, and no face in `drawn` uses it. `face_component` (F,) is 0 in the largest component, and -1 for
+    faces that list a vertex twice. `sizes` are the numbers of faces of the components in descending order.
+    `layers` maps kinds to layers, in the order of the legend.
     """
 
     name: str
@@ -93,16 +97,22 @@ class ViewModel:
 
     @property
     def soup(self) -> bool:
-        """Whether there are at least two faces, and no two of them share a vertex."""
+        """Whether the mesh has at least two faces and no two faces share a vertex."""
         return self.audit.judged.topology == "triangle_soup" and len(self.faces) > 1
 
     def row_in_file(self, vertex: int) -> int:
-        """Return the number of a vertex in the file. A vertex that was merged at seams has several numbers;
-        the function returns the first of these numbers."""
+        """Return the index of a vertex in the file.
+
+        A vertex that was merged at seams has several indices. If the vertex has several indices, the function
+        returns the first index.
+        """
         return vertex if self.seams is None else int(self.seams.first[vertex])
 
     def vertex_of_row(self, row: int) -> int | None:
-        """Return the vertex that is stored in a row of the file, or None if the file has no such row."""
+        """Return the vertex that is stored in a row of the file.
+
+        If the file has no row with this index, return None.
+        """
         rows = np.arange(len(self.points)) if self.seams is None else self.seams.number
         return int(rows[row]) if row < len(rows) else None
 
@@ -134,8 +144,10 @@ class ViewModel:
         return visible
 
     def positions(self, kind: str, *, component: int | None = None) -> NDArray[np.float32]:
-        """Return the vertex positions (n, k, 3) of the elements of a layer that can be drawn. `component`
-        selects one component; None selects all components."""
+        """Return the vertex positions (n, k, 3) of the elements of a layer that can be drawn.
+
+        `component` selects one component. None selects all components.
+        """
         return np.asarray(self.points[self.layers[kind].vertices[self.rows(kind, component)]])
 
     def rows(self, kind: str, component: int | None = None) -> NDArray[Any]:
@@ -160,33 +172,33 @@ class ViewModel:
         return np.asarray(marked[layer.numbers])
 
     def faces_of(self, component: int | None) -> NDArray[Any]:
-        """Return the indices of the faces to draw, in one component or in all."""
+        """Return the indices of the faces to draw. The faces belong to one component or to all components."""
         return np.flatnonzero(
             self.drawn if component is None else self.drawn & (self.face_component == component)
         )
 
     def _class_of_components(self) -> NDArray[np.uint8]:
-        """Return a number for each component: 0 for the largest, otherwise 1 + its index in SIZE_CLASSES."""
+        """Return the class of each component: 0 for the largest, otherwise 1 + its index in SIZE_CLASSES."""
         lows = np.array([low for low, _, _ in SIZE_CLASSES])
         classes = np.searchsorted(lows, self.sizes, "right").astype(np.uint8)
         classes[:1] = 0
         return classes
 
     def size_class_of_faces(self) -> NDArray[np.uint8]:
-        """Return the number of the size class of each face (F,), numbered as in `_class_of_components`."""
-        # Faces that list a vertex twice have component -1, which selects the last entry. They are invisible.
+        """Return the index of the size class for each face (F,), as in `_class_of_components`."""
+        # Faces that list a vertex twice have the component -1, which selects the last entry. They are
+        # invisible.
         return np.asarray(np.append(self._class_of_components(), np.uint8(0))[self.face_component])
 
     def component_colors(self) -> NDArray[np.uint8]:
-        """Return a colour for each face (F, 3): grey in the largest component, otherwise the colour of the
-        size class."""
+        """Return a colour for each face (F, 3): grey, or the colour of the size class."""
         table = np.array([NEUTRAL, *(color for _, _, color in SIZE_CLASSES)], np.uint8)
         return np.asarray(table[self.size_class_of_faces()])
 
     def size_classes(self) -> list[SizeClass]:
         """Return the size classes of all components except the largest, in ascending order.
 
-        Empty classes are omitted.
+        Empty size classes are omitted.
         """
         of_component = self._class_of_components()
         classes = []
@@ -265,7 +277,8 @@ def _layers(analysis: Analysis, groups: dict[str, Any]) -> dict[str, Layer]:
 def frame_vertices(
     vertices: NDArray[Any], use: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], float, str | None]:
-    """Return centre and radius of the sphere of the first view, and a note if some vertices are outside.
+    """Return the centre and the radius of the sphere that the first view shows. If some vertices are outside
+    the sphere, also return a note.
 
     The sphere is computed from the `vertices` (V, 3) for which `use` (V,) is true. Usually the sphere is
     centred in the bounding box of these vertices and contains all of them. A few distant vertices, such as an
@@ -280,7 +293,7 @@ def frame_vertices(
     low, high = used.min(axis=0), used.max(axis=0)
     center = low / 2 + high / 2
     radius = _largest_distance(used, center)
-    # Compute a sphere around the median of a sample of vertices; its radius contains 95 % of the sample.
+    # Compute a sphere around the median of a sample of vertices. The sphere contains 95 % of the sample.
     sample = used[:: max(len(used) // _FRAMING_SAMPLE, 1)]
     middle = np.median(sample, axis=0)
     with np.errstate(over="ignore"):
@@ -295,7 +308,7 @@ def frame_vertices(
 
 
 def _largest_distance(points: NDArray[np.float64], center: NDArray[np.float64]) -> float:
-    """Return the largest distance of points (n, 3) from `center`, without overflow."""
+    """Without overflow, return the largest distance of points (n, 3) from `center`."""
     with np.errstate(over="ignore"):
         away = np.abs(points - center)
     scale = float(away.max(initial=0.0))

@@ -1,9 +1,9 @@
-// The page of the topology viewer.
+// The web page of the topology viewer.
 const canvas = byId("view");
 const state = { coloring: meta.colored ? "own" : "grey", visible: new Set(meta.visible), active: meta.active,
   cursor: {}, chosen: null, legend: innerWidth > 640 };
 
-// Decompress the arrays of the page; the result maps names to typed arrays.
+// Decompress the arrays of the page. The result maps names to typed arrays.
 async function unpack() {
   const element = byId("data");
   const text = element.textContent;
@@ -33,7 +33,8 @@ const times = (a, b) => {
   return m;
 };
 
-// The camera looks at `target` from `distance` in `direction`. The legend takes `free()` pixels on the left.
+// The camera looks at `target` from `distance` in `direction`. The legend covers the left `window width -
+// free()` pixels.
 const camera = { direction: meta.direction, up: meta.up, target: [0, 0, 0], distance: 1, near: 0 };
 const free = () => (state.legend && canvas.clientWidth > 640 ? byId("legend").offsetWidth + 12 : 0);
 function home() {
@@ -56,7 +57,8 @@ function matrices() {
   return times(projection, view);
 }
 
-// Offset of lines and markers towards the camera, relative to their distance, so that the surface does not hide them.
+// Offset of lines and markers towards the camera, relative to their distance. Without the offset, the surface
+// would hide them.
 const NEARER = 0.0015;
 const SURFACE = [`#version 300 es
   in vec3 position; in vec4 color; in vec2 uv; uniform mat4 matrix; out vec4 shade; out vec3 place; out vec2 at;
@@ -410,7 +412,7 @@ async function start() {
     say("This browser cannot load the textures, so the mesh is grey.");
   });
   home(); controls(); redraw();
-  // An address that ends in #nonmanifold_edges:17 opens the page at this element.
+  // If the page address ends in #nonmanifold_edges:17, the page opens at this element.
   const [kind, number] = location.hash.slice(1).split(":");
   if (layerOf(kind)?.count && number > 0) { state.active = kind; state.cursor[kind] = number - 2; step(1); }
 }

@@ -18,7 +18,7 @@ from msb_viewers.state import ViewState
 from msb_viewers.template import build_page
 
 # Number of faces above which the command prints a warning. A browser needs at least 48 bytes per face (3
-# corners of 16 bytes), and twice as much while loading the page.
+# corners of 16 bytes). While the page loads, the browser needs twice as many bytes.
 LARGE = 2_000_000
 
 
@@ -52,9 +52,8 @@ def page(model: ViewModel, state: ViewState, up: str) -> bytes:
 
 
 def page_arrays(model: ViewModel) -> dict[str, NDArray[Any]]:
-    """Return the arrays of the page by name; each array is one-dimensional and little-endian, float32,
-    uint32 or uint8."""
-    # Faces with a common texture must be contiguous.
+    """Return the one-dimensional, little-endian arrays of the page by name."""
+    # Faces with the same texture must be contiguous.
     rows = model.faces_of(None)
     textures = _by_texture(model)
     if textures:
@@ -86,7 +85,7 @@ def page_arrays(model: ViewModel) -> dict[str, NDArray[Any]]:
 
 
 def _by_texture(model: ViewModel) -> list[tuple[int, NDArray[Any]]]:
-    """Return the number of each visible texture and its faces (n,)."""
+    """For each visible texture, return its index and its faces (n,)."""
     return [] if model.skin is None else model.skin.by_texture(model.faces_of(None))
 
 

@@ -1,7 +1,8 @@
 """Colours, line styles and markers of all kinds of elements.
 
 The colours are from Okabe and Ito (Color Universal Design, 2008). People with common kinds of colour
-blindness can distinguish these colours. Different kinds of elements never differ by colour alone.
+blindness can distinguish these colours. The styles of two kinds of elements always differ by more than their
+colour.
 """
 
 from dataclasses import dataclass
@@ -30,16 +31,17 @@ NEUTRAL: Color = (205, 205, 205)
 # The colour of the ring around the selected element. The colour differs clearly from the colours of all
 # layers.
 HIGHLIGHT: Color = (200, 0, 110)
-# The colours of the fans of a vertex. In addition to its colour, each fan has a number.
+# The colours of the fans of faces around a vertex. Each fan of faces also has a number, in addition to its
+# colour.
 FAN_COLORS = (SKY, ORANGE, GREEN, PURPLE, YELLOW, VERMILLION, BLUE)
 
 
 @dataclass(frozen=True)
 class Style:
-    """The style of a layer, and the key that switches it.
+    """The style of a layer, and the key that shows or hides the layer.
 
     `kind` is the name of the elements in the audit (docs/definitions.md). `width` of lines and `size` of
-    markers are in pixels at the closest zoom; lines with width 0 are not drawn.
+    markers are in pixels at the closest zoom. Lines with width 0 are not drawn.
     """
 
     kind: str
@@ -101,11 +103,12 @@ REPAIR_STYLES: dict[str, Style] = {
     )
 }
 
-# Size classes of components other than the largest: lowest and highest number of faces (inclusive), and
+# Size classes of all components except the largest: lowest and highest number of faces (inclusive), and
 # colour.
 SIZE_CLASSES: tuple[tuple[int, int | None, Color], ...] = (
-    # Colours go from light to dark, so that the order is visible without hue. The colours are from the scale
-    # plasma of matplotlib (van der Walt and Smith, 2015). All colours differ clearly from the neutral grey.
+    # Colours are ordered from light to dark, so that the order is visible without hue. The colours are from
+    # the scale plasma of matplotlib (van der Walt and Smith, 2015). All colours differ clearly from the
+    # neutral grey.
     (1, 1, (240, 249, 33)),
     (2, 3, (253, 180, 47)),
     (4, 9, (237, 121, 83)),

@@ -26,14 +26,14 @@ def pick(
 ) -> Hit | None:
     """Return the first of the `allowed` faces (F,) that a ray from `eye` along a unit vector hits.
 
-    Hits outside of `box` (3, 2) do not count. The function takes O(V + F) time and 13 V + 4 F bytes of
+    Hits outside the box `box` (3, 2) do not count. The function takes O(V + F) time and 13 V + 4 F bytes of
     memory.
     """
     if not allowed.any():
         return None
     direction = np.asarray(direction, np.float64)
-    # Project the vertices along the ray onto a plane with two axes. If the ray hits a face, the face has
-    # vertices on both sides of the ray along each axis. Two bits for each vertex tell the side of the ray
+    # Project the vertices along the ray onto a plane with two axes. If the ray hits a face, then along each
+    # axis the face has vertices on both sides of the ray. For each vertex, two bits store the side of the ray
     # along the two axes.
     side = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
     side /= np.linalg.norm(side)

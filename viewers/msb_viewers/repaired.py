@@ -13,8 +13,8 @@ from msb_viewers.model import CLEAN_NOTE, SOUP_NOTE, Layer, ViewModel, build_mod
 from msb_viewers.palette import ADDED, DELETED, REPAIR_STYLES
 from msb_viewers.viewed_mesh import Colors, ViewedMesh
 
-# Grey values that replace black and white. Both grey values are light, so that the colours of the layers
-# stand out.
+# Grey values that replace black and white. Both grey values are light, so that the colours of the layers are
+# clearly visible.
 _DARKEST, _LIGHTEST = 140, 230
 
 
@@ -31,7 +31,7 @@ def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
     from msb.topology.difference import find_difference
     from msb.topology.verdict import judge
 
-    placed = rotate_axis(after.vertices, after.up, before.up)  # files such as .glb are rotated upright
+    placed = rotate_axis(after.vertices, after.up, before.up)  # rotate files such as .glb upright
     old, new = mesh_arrays(before.vertices, before.faces), mesh_arrays(placed, after.faces)
     change = find_difference(old, new)
     # Append the added faces and the vertices after the repair to the arrays of the mesh before the repair.
@@ -52,7 +52,7 @@ def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
     numbers = {
         "deleted_faces": (change.deleted, mesh.faces),
         "added_faces": (count + np.arange(len(added)), mesh.faces),
-        # Edges are sorted by their vertices, so that the edges before the repair come first.
+        # Edges are sorted by their vertices. Therefore the edges before the repair come first.
         "cut_edges": (change.cut, mesh.edge_vertices),
     }
     layers = {
@@ -71,7 +71,10 @@ def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
 def _colors(
     before: ViewedMesh, faces: NDArray[Any], deleted: NDArray[np.int64], added: int
 ) -> NDArray[np.uint8]:
-    """Return the colours (F + added, 3) of the faces: grey by brightness, red if deleted, green if added."""
+    """Return the colours (F + added, 3) of the faces.
+
+    Deleted faces are red, added faces are green, and other faces are grey.
+    """
     light = np.full(len(faces), 200.0)
     if before.colors is not None:
         light = before.colors.values.mean(axis=1)

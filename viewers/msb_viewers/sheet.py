@@ -32,7 +32,7 @@ _SMALLEST, _LARGEST = 0.62, 2.0
 class Panel:
     """An image (H, W, 4), and the actions of clicks on the image.
 
-    `targets` are ranges of pixel rows (from, to) with an action: a layer, "components" or "help".
+    `targets` are ranges of pixel rows (from, to), each with an action: a layer, "components" or "help".
     """
 
     image: NDArray[np.uint8]
@@ -41,7 +41,7 @@ class Panel:
     def hit(self, x: float, y: float) -> str | None:
         """Return the action at x, y pixels from the top left corner.
 
-        The result is "" at a position without an action, and None outside the panel.
+        At a position without an action the result is "", and outside the panel it is None.
         """
         height, width = self.image.shape[:2]
         if not (0 <= x < width and 0 <= y < height):
@@ -87,8 +87,10 @@ class Sheet:
         return font(max(round(size * self.scale), 7), bold=bold)
 
     def text(self, x: float, text: str, size: float = 13, color: Color = INK, **options: Any) -> None:
-        """Write text in the current row, vertically centred. A negative x is the distance from the right
-        side."""
+        """Write text in the current row, vertically centred.
+
+        A negative x is the distance from the right side.
+        """
         anchor = "lm" if x >= 0 else "rm"
         place = self.px(x) if x >= 0 else self.width - self.px(-x)
         middle = self.y + self.px(ROW) / 2
@@ -103,8 +105,10 @@ class Sheet:
 
 
 def wrap_text(text: str, face: Any, width: float) -> list[str]:
-    """Return the lines of `text`, each at most `width` pixels wide. Words longer than a line are
-    shortened."""
+    """Return the lines of `text`, each at most `width` pixels wide.
+
+    Words longer than a line are shortened.
+    """
     lines: list[str] = []
     line = ""
     for word in text.split():
@@ -118,7 +122,7 @@ def wrap_text(text: str, face: Any, width: float) -> list[str]:
 
 
 def shorten_text(text: str, face: Any, width: float) -> str:
-    """Return `text`, with its middle replaced by dots if it is wider than `width` pixels."""
+    """If `text` is wider than `width` pixels, replace its middle by dots. Return the text."""
     if face.getlength(text) <= width:
         return text
     keep = len(text) - 1
@@ -147,8 +151,10 @@ def help_panel(rows: Iterable[tuple[str, str]], scale: float = 1.0) -> Panel:
 
 
 def line_panel(text: str, width: int, scale: float = 1.0) -> Panel:
-    """Return an image of one line of text. The line is shortened in the middle if it is wider than `width`
-    pixels."""
+    """Return an image of one line of text.
+
+    If the line is wider than `width` pixels, it is shortened in the middle.
+    """
     face = font(max(round(13 * scale), 8))
     short = shorten_text(text, face, width - 24 * scale)
     wide = min(int(face.getlength(short) + 24 * scale), width) / scale
@@ -162,8 +168,7 @@ def line_panel(text: str, width: int, scale: float = 1.0) -> Panel:
 
 
 def list_panel(title: str, text: str, lines: list[tuple[str, Color | None]], scale: float = 1.0) -> Panel:
-    """Return an image with the text of the fan inspector: a title, a paragraph, and lines with a colour
-    swatch."""
+    """Return an image with a title, a paragraph, and lines with a colour swatch (fan inspector)."""
 
     def write(sheet: Sheet) -> None:
         sheet.paragraph(title, 13, bold=True)
@@ -184,9 +189,9 @@ def list_panel(title: str, text: str, lines: list[tuple[str, Color | None]], sca
 
 
 def draw_panel(write: Callable[[Sheet], None], width: float, scale: float) -> Panel:
-    """Return the panel that `write` draws; `width` is in pixels at scale 1.
+    """Return the panel that the function `write` draws. `width` is in pixels at scale 1.
 
-    The height of the panel follows from the text.
+    The height of the panel depends on the text.
     """
     trial = Sheet(round(width * scale), 4, scale)
     write(trial)

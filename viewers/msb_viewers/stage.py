@@ -29,13 +29,13 @@ _SHADE_COMPONENTS = 0.25
 
 
 class Stage:
-    """The actors of a model. Actors (VTK objects to draw) are created when needed, and kept as long as they
-    are valid.
+    """The actors of a model. Actors (VTK objects to draw) are created when needed. Actors are stored as long
+    as they are valid.
 
     `seconds` is the time of the last full frame. If the last full frame took too long, simplified meshes are
     drawn while the view is `moving`.
 
-    `boost` enlarges lines and markers for images that are printed small.
+    `boost` enlarges lines and markers. For images that are printed small, set a larger `boost`.
     """
 
     def __init__(self, model: ViewModel, back: Any, front: Any) -> None:
@@ -62,7 +62,7 @@ class Stage:
             self._remove(self._surface + self._stand_in)
             self._surface_of, self._stand_in = key, []
             self._surface = [self._add(actor) for actor in self._make_surface(state, faces)]
-        # While the view moves, a simplified mesh replaces the surface if the surface is too slow to draw.
+        # If drawing the surface is slow, a simplified mesh replaces the surface while the view moves.
         if self.moving and not self._stand_in:
             self._budget = face_budget(len(faces), self.seconds)
         simplified = self.moving and self._budget is not None
@@ -94,7 +94,7 @@ class Stage:
     def _sync_layers(self, state: ViewState) -> None:
         """Create, show and hide the actors of the layers."""
         if state.through != self._through:
-            # Layers in the other renderer are drawn over the surface.
+            # Layers in the second renderer are drawn over the surface.
             self._through = state.through
             self._forget_layers(set(self._layers))
         self._forget_layers({kind for kind, entry in self._layers.items() if entry[0] != state.component})
@@ -143,7 +143,10 @@ class Stage:
         appearance.SetPointSize(max(style.size * self._size, 3.0) * self.boost)
 
     def _make_surface(self, state: ViewState, rows: NDArray[Any]) -> list[Any]:
-        """Return the actors of the faces `rows`: a single actor, or one for each texture."""
+        """Return the actors of the faces `rows`.
+
+        The faces have a single actor, or one actor for each texture.
+        """
         everything = len(rows) == len(self.model.faces)
         faces = self.model.faces if everything else self.model.faces[rows]
         colors = self.model.colors
@@ -159,7 +162,7 @@ class Stage:
         return [drawing.surface(self.model.points, faces, values, colors.domain)]
 
     def _textured(self, skin: Skin, number: int, rows: NDArray[Any]) -> Any:
-        """Return the actor of the faces `rows`, which have the texture `number`."""
+        """Return the actor of the faces `rows`, which use the texture with index `number`."""
         tint = None if skin.tint is None else skin.tint.reshape(-1, 3, 4)[rows].reshape(-1, 4)
         textures = skin.textured
         appearance = (textures.uvs[rows], textures.images[number], textures.sampler, tint, skin.cutoff)
@@ -210,7 +213,7 @@ def layer_actors(style: Style, corners: NDArray[np.float32]) -> list[Any]:
     actors = []
     if style.width:
         ends = corners
-        if style.of == "face":  # this draws the outlines of faces
+        if style.of == "face":  # this call draws the outlines of faces
             ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
         actors.append(drawing.segments(ends, style.color, style.width, dashed=style.line == "dashed"))
     if style.marker is not None:
@@ -231,7 +234,7 @@ def median_edge(model: ViewModel) -> float:
 def face_budget(faces: int, seconds: float) -> int | None:
     """Return the number of faces to draw while the view moves. Drawing all faces takes `seconds`.
 
-    The result None means all faces.
+    If the result is None, all faces are drawn.
 
     >>> face_budget(1_000_000, 0.02), face_budget(1_000_000, 0.5), face_budget(4_000_000, 0.1)
     (None, 100000, 300000)
@@ -245,8 +248,8 @@ def face_budget(faces: int, seconds: float) -> int | None:
 def simplify(
     points: NDArray[np.float32], faces: NDArray[Any], target: int = _MOST_FACES
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the faces (f, 3) of a simplified mesh. The second result (f,) lists the original faces from
-    which these faces take their colours.
+    """Return the faces (f, 3) of a simplified mesh. The second result (f,) gives, for each face, the original
+    face whose colour is used.
 
     The number of faces is between half of `target` and twice `target`. The method is vertex clustering
     (Rossignac and Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993). The
@@ -261,11 +264,11 @@ def simplify(
     if len(some) == 0:
         return some, sample
     low, high = points[some].reshape(-1, 3).min(axis=0), points[some].reshape(-1, 3).max(axis=0)
-    # In a grid of n^3 cells, a surface intersects a small multiple of n^2 cells. Each of these cells contains
-    # about four faces.
+    # In a grid of n^3 cells, a surface intersects a small multiple of n^2 cells. On average, a grid cell that
+    # the surface intersects contains about four faces.
     cells = max(int(np.sqrt(target / 4)), 8)
     size = max(float((high - low).max()) / cells, 1e-9)
-    # Replace each vertex by the first vertex in its cell, (V,).
+    # Replace each vertex by the first vertex in its grid cell, (V,).
     used = np.unique(some)
     place = np.floor((points[used] - low) / size).astype(np.int64)
     key = (place[:, 0] * (cells + 2) + place[:, 1]) * (cells + 2) + place[:, 2]

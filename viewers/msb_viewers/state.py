@@ -1,5 +1,7 @@
-"""The state of the topology viewer: visible layers, selection, isolated component. This module needs no
-window."""
+"""The state of the topology viewer: visible layers, selection, isolated component.
+
+This module needs no window.
+"""
 
 from __future__ import annotations
 
@@ -44,17 +46,18 @@ class ViewState:
     """The state of the topology viewer."""
 
     model: ViewModel
-    # Kinds of the visible layers.
+    # The kinds of the visible layers.
     visible: set[str] = field(default_factory=set)
-    # The layer in which the keys N and P step, and the last selected element of each layer.
+    # The active layer, and the last selected element of each layer. The keys N and P step through the active
+    # layer.
     active: str = "nonmanifold_edges"
     cursor: dict[str, int] = field(default_factory=dict)
     coloring: Coloring = "own"
-    # The only component that is drawn; 0 is the largest component, and None draws all.
+    # The only component that is drawn. The index 0 is the largest component, and None draws all components.
     component: int | None = None
     # The selected element: a kind, and an index in its layer.
     element: tuple[str, int] | None = None
-    # The selected vertex, for which the fans are shown.
+    # The selected vertex, whose fans of faces are shown.
     vertex: int | None = None
     help: bool = False
     legend: bool = True
@@ -115,7 +118,7 @@ class ViewState:
         self.message = f"{layer.style.label}: {len(layer):,}"
 
     def toggle_all(self) -> None:
-        """Hide all layers if any layer is visible, otherwise show all."""
+        """If any layer is visible, hide all layers, otherwise show all layers."""
         self.visible = set() if self.visible else {k for k, layer in self.model.layers.items() if len(layer)}
         self.message = "All layers are shown" if self.visible else "All layers are hidden"
 
@@ -147,8 +150,10 @@ class ViewState:
         self.message = "Layers are drawn over the surface" if self.through else "The surface hides layers"
 
     def step(self, by: int) -> bool:
-        """Select the next (+1) or previous (-1) element of the active layer. Return whether this element
-        exists."""
+        """Select the next (+1) or previous (-1) element of the active layer.
+
+        Return whether this element exists.
+        """
         layer = self.model.layers[self.active]
         label = layer.style.label
         rows = self.model.rows(self.active, self.component)
@@ -171,7 +176,7 @@ class ViewState:
         self.message = self.describe(kind, place)
 
     def choose_vertex(self, vertex: int | None) -> None:
-        """Select a vertex for the fan inspector, or no vertex."""
+        """Select a vertex for the fan inspector. If the vertex is None, no vertex is selected."""
         self.vertex, self.element = vertex, None
         if vertex is None:
             self.message = "No face at this point"
@@ -206,7 +211,7 @@ class ViewState:
     def component_of(self, kind: str, place: int) -> int | None:
         """Return the component that contains an element.
 
-        A vertex can be in several components; the function returns the largest component.
+        A vertex can be in several components. The function returns the largest of these components.
         """
         layer, model = self.model.layers[kind], self.model
         number = int(layer.numbers[place])
@@ -224,7 +229,8 @@ class ViewState:
         return int(at.min()) if len(at) else None
 
     def isolate_selection(self) -> None:
-        """Show only the component of the selection; without a selection, show only the largest component.
+        """Show only the component of the selected element. If nothing is selected, show only the largest
+        component.
 
         If a component is already isolated, show all components again.
         """
@@ -241,7 +247,7 @@ class ViewState:
         self.isolate(component)
 
     def isolate(self, component: int | None) -> None:
-        """Show only one component; 0 is the largest component, and None shows all."""
+        """Show only one component. The value 0 is the largest component, and None shows all components."""
         if component is None or not 0 <= component < len(self.model.sizes):
             self.component, self.message = None, "This component does not exist"
             return
@@ -277,7 +283,7 @@ def parse_kinds(model: ViewModel, texts: Iterable[str]) -> set[str]:
 
 
 def parse_element(model: ViewModel, text: str) -> tuple[str, int]:
-    """Return kind and index of "KIND:N", the N-th element of a layer, counted from 1."""
+    """Return the kind and the index of "KIND:N", the N-th element of a layer. The number N starts at 1."""
     kind, _, number = text.partition(":")
     if kind not in model.layers:
         known = ", ".join(model.layers)

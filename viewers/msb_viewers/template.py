@@ -11,10 +11,10 @@ _MARK = re.compile(r"@([A-Z]+)@")
 
 
 def build_page(package: str, meta: Mapping[str, Any], data: bytes = b"") -> bytes:
-    """Return a page as UTF-8, with the files page.css, page.html and page.js of a package.
+    """Return an HTML page as UTF-8. The page contains the files page.css, page.html and page.js of a package.
 
-    `meta` is the JSON data of the script, and `data` is ASCII text without "<". Inserted text is not
-    searched for placeholders, because file names may contain text like a placeholder.
+    `meta` is the JSON data of the script, and `data` is ASCII text without "<". Inserted text is not searched
+    for placeholders, because a file name may look like a placeholder.
     """
     shell, viewer = files("msb_viewers"), files(package)
     # "</" in a file name would end the script element.

@@ -28,7 +28,7 @@ class Colors:
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """The textures of a mesh, and colours `tint` (3F, 4) of its corners, sRGB bytes and alpha.
+    """The textures of a mesh, and the colours `tint` (3F, 4) of its corners as sRGB bytes with alpha.
 
     Texture and colours are multiplied in linear light.
     """
@@ -38,12 +38,11 @@ class Skin:
 
     @property
     def cutoff(self) -> float:
-        """Nothing is drawn where the product of the alphas is below this value."""
+        """If the product of the two alpha values is below this cutoff, nothing is drawn."""
         return (self.textured.sampler.alpha_cutoff or 0.0) - ROUNDING
 
     def by_texture(self, rows: NDArray[Any]) -> list[tuple[int, NDArray[Any]]]:
-        """Return the textures that the faces `rows` use: the number of each texture, and the faces (n,)
-        with this texture."""
+        """For each texture that the faces `rows` use, return its index and its faces (n,)."""
         numbers = self.textured.face_texture
         if numbers is None:
             return [(0, rows)]
@@ -54,10 +53,10 @@ class Skin:
 class ViewedMesh:
     """A stored mesh, whose values are not checked.
 
-    If the mesh has a `skin`, `colors` contains the texture colours at the corners, for drawing without
-    textures. `up` is an axis such as "+y", or "unknown". `notes` are messages about the drawing. `attributes`
-    are vertex attributes that can have seams, where vertices are duplicated. `seams` describes the merged
-    seams, or is None.
+    If the mesh has a `skin`, `colors` contains the texture colours at the corners. The corner colours are
+    used for drawing without textures. `up` is an axis such as "+y", or "unknown". `notes` are messages about
+    the drawing. `attributes` are vertex attributes that can have seams, where vertices are duplicated.
+    `seams` describes the merged seams. If no seams were merged, it is None.
     """
 
     name: str
@@ -83,7 +82,8 @@ def read_viewed_mesh(path: Path) -> ViewedMesh:
 def viewed_mesh(mesh: StoredMesh, path: Path) -> ViewedMesh:
     """Return a mesh from the file `path` with the colours of the standard tier (opaque rendering).
 
-    The mesh has all stored faces, including faces that an STE threshold hides, because the audit counts them.
+    The mesh has all stored faces, because the audit counts them. This includes faces that an STE threshold
+    hides.
     """
     from msb.asset.look import static_colors
     from msb.errors import AssetError
@@ -103,9 +103,9 @@ def viewed_mesh(mesh: StoredMesh, path: Path) -> ViewedMesh:
 
 
 def merge_seams(mesh: ViewedMesh) -> tuple[ViewedMesh, Analysis]:
-    """Merge the seams of `mesh` in the same way as the verdict. Return the mesh and its analysis.
+    """Merge the seams of `mesh` in the same way as for the verdict. Return the mesh and its analysis.
 
-    Colours of vertices move to corners, so that the drawn mesh does not change.
+    Colours of vertices become corner colours, so that the drawn mesh does not change.
     """
     points, faces = mesh_arrays(mesh.vertices, mesh.faces)
     seams = find_seams(points, faces, mesh.attributes)
@@ -129,7 +129,7 @@ def find_seam_edges(seams: Seams, stored: Analysis, merged: Analysis) -> NDArray
 
 
 def _skin(mesh: StoredMesh, tint: StaticColors | None) -> tuple[Skin | None, StaticColors | None]:
-    """Return the textures of `mesh` or None, and colours for drawing without textures."""
+    """Return the textures of `mesh` or None. Also return colours for drawing without textures."""
     from msb.asset.look import corner_colors, corner_tint
     from msb.asset.texture import encode_texels, textures_in
 
@@ -143,7 +143,7 @@ def _skin(mesh: StoredMesh, tint: StaticColors | None) -> tuple[Skin | None, Sta
         return Skin(textured, None), colors
     light = np.nan_to_num(corner_tint(tint, faces), nan=0.0)
     texels = encode_texels(light, 4)
-    # Round up, so that rounding does not move alpha below the cutoff.
+    # Round the cutoff up. Without rounding up, alpha could be below the cutoff because of a rounding error.
     texels[:, 3] = np.ceil(light[:, 3] * 255)
     return Skin(textured, texels), colors
 

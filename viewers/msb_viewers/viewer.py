@@ -25,9 +25,9 @@ from msb_viewers.state import HELP, ViewState
 
 # Distance between panels and the border of the window, in pixels at scale 1.
 _GAP = 12
-# Samples per pixel that smooth the edges of faces and lines while the view rests.
+# Samples per pixel that smooth the edges of faces and lines while the view does not move.
 _SAMPLES = 4
-# Number of frames of a camera flight to an element, which takes a quarter of a second at 60 frames per
+# Number of frames of the camera movement to an element. At 60 frames per second, it takes a quarter of a
 # second.
 _FLIGHT_FRAMES = 14
 
@@ -35,7 +35,7 @@ _FLIGHT_FRAMES = 14
 class TopologyViewer:
     """A view of a mesh and its defects, in a window or off-screen. Only `show` needs a window.
 
-    `up` is the axis that points up, such as "+y"; by default the axis of the model. `state` is the
+    `up` is the axis that points up, such as "+y". The default is the axis of the model. `state` is the
     initial state.
     """
 
@@ -61,7 +61,7 @@ class TopologyViewer:
         self.title = f"{model.name} - msb view"
         self.window.SetWindowName(self.title)
         self.plotter.set_background(unit(BACKGROUND))
-        self.plotter.camera_set = True  # otherwise the first frame would reset the camera
+        self.plotter.camera_set = True  # otherwise VTK would reset the camera in the first frame
         self.renderer = self.plotter.renderer
         self.camera = self.renderer.GetActiveCamera()
         self.model, self.up, self._extent = model, up or model.up, model.extent
@@ -113,7 +113,7 @@ class TopologyViewer:
         self.camera.SetViewUp(*pose.up)
 
     def image(self) -> NDArray[np.uint8]:
-        """Draw and return the window (H, W, 3), row 0 at the top."""
+        """Draw the window and return its image (H, W, 3). Row 0 is at the top."""
         self.refresh()
         return np.asarray(self.plotter.screenshot(None, return_img=True), np.uint8)[..., :3]
 
@@ -168,7 +168,7 @@ class TopologyViewer:
         self.camera.SetWindowCenter((right - self._taken()) / self.size[0], 0.0)
 
     def fly(self, pose: Pose) -> None:
-        """Move the camera to a pose. In a window the camera movement is animated."""
+        """Move the camera to a pose. In a window, the camera movement is animated."""
         start = self.pose
         for step in range(1, _FLIGHT_FRAMES if not self.off_screen else 0):
             t = step / _FLIGHT_FRAMES
@@ -194,7 +194,7 @@ class TopologyViewer:
             self.fly(pose)
 
     def fly_to_component(self) -> None:
-        """Go to the isolated component, or to the first view."""
+        """Go to the isolated component. If no component is isolated, go to the first view."""
         component = self.state.component
         if component is None:
             self.home()
@@ -204,7 +204,7 @@ class TopologyViewer:
             self.fly(pose)
 
     def project(self, points: NDArray[Any]) -> NDArray[np.float64]:
-        """Return the pixels (n, 2) of positions (n, 3) in view units; the origin is the top left corner."""
+        """Return the pixels (n, 2) of positions (n, 3) in view units. The origin is the top left corner."""
         width, height = self.size
         matrix = self._matrix()
         ends = np.concatenate([points, np.ones((len(points), 1))], axis=1) @ matrix.T
@@ -213,10 +213,12 @@ class TopologyViewer:
         return np.stack([(device[:, 0] + 1) / 2 * width, (1 - device[:, 1]) / 2 * height], axis=1)
 
     def pick(self, x: float, y: float) -> int | None:
-        """Select, among the vertices of the face at a pixel, the vertex nearest to the pixel. Return the
-        selected vertex, or None."""
-        # Find one point on the near plane and one on the far plane; both points define the ray through the
-        # pixel.
+        """Find the face at a pixel. Select the vertex of this face that is nearest to the pixel.
+
+        Return the selected vertex, or None.
+        """
+        # Find a point on the near plane and a point on the far plane. The two points define the ray through
+        # the pixel.
         width, height = self.size
         back = inverse(self._matrix())
         device = np.array([2 * x / width - 1, 1 - 2 * y / height])
@@ -240,7 +242,7 @@ class TopologyViewer:
         self.camera.SetClippingRange(near, far * 1.01)
 
     def set_box(self, box: NDArray[Any] | None) -> None:
-        """Draw only the part inside a box (3, 2) in view units; None draws everything."""
+        """Draw only the part inside a box (3, 2) in view units. None draws everything."""
         self.stage.box = None if box is None else np.asarray(box, np.float64)
         drawing.clip(self.stage.actors(), self.stage.box)
 
@@ -253,7 +255,10 @@ class TopologyViewer:
         self.plotter.close()
 
     def legend_hit(self, x: float, y: float) -> str | None:
-        """Return the legend's action at a pixel: "" for its background, None outside."""
+        """Return the legend's action at a pixel.
+
+        For the legend's background the result is "", and outside the legend it is None.
+        """
         if self._legend is None:
             return None
         gap = round(_GAP * self.scale)
@@ -268,7 +273,7 @@ class TopologyViewer:
         return round(LEGEND_WIDTH * self.scale) + round(_GAP * self.scale)
 
     def _aspect(self) -> float:
-        """Return width divided by height of the area without the legend."""
+        """Return the aspect ratio (width / height) of the area without the legend."""
         width, height = self.size
         return (width - self._taken()) / height
 
@@ -306,7 +311,7 @@ class TopologyViewer:
         request = (self.state.vertex, self.scale)
         if request == self._fans_request and self.state.vertex is None:
             return
-        # Create the actors and the text only if the vertex or the scale changed.
+        # If the vertex or the scale changed, create the actors and the text again.
         if request != self._fans_request:
             text = self.inset.show(self.model, self.state.vertex, self.scale)
             if text:

@@ -18,7 +18,7 @@ from msb.render.options import NO_CAMERAS, RendererOptions, Source, Tier, ViewOp
 SCHEMA = "msb.bench/1"
 # Number of views around the asset when --cameras is not given.
 _VIEWS = 8
-# Keys that are compared between two records. The command prints a note on each difference.
+# Keys whose values are compared between two records. The command prints a note on each difference.
 _SAME = (
     "method", "faces", "tier", "renderer", "order", "sampling", "views", "sizes", "machine.device.name",
     "machine.device.driver",
@@ -72,8 +72,8 @@ def bench(
 
     The output lists frames per second, the median (P50) and the 95th percentile (P95) of the device time, the
     stages of the renderer, and its memory. Images are neither written nor read back during the timing. The
-    memory covers all views, including views that the timing does not reach. Without --cameras, eight views
-    around the asset are used.
+    reported memory covers all views, including views that the timing does not reach. Without --cameras, eight
+    views around the asset are used.
     """
     if views.cameras is None:
         typed.reject(["camera"], NO_CAMERAS)
@@ -138,7 +138,7 @@ def bench(
 
 
 def _check_slower(now: float, old: dict[str, Any], limit: float, path: Path) -> None:
-    """Raise GATE_FAILED if the median device time has grown by more than the fraction `limit`."""
+    """Raise GATE_FAILED if the growth of the median device time exceeds the fraction `limit`."""
     before = old["device_ms"].get("p50")
     if not before:
         raise UsageError("USAGE", "--fail-slower: OLD.json has no median device time (device_ms.p50)")
@@ -172,7 +172,7 @@ def _read_old(path: Path) -> dict[str, Any]:
 
 
 def _is_record(data: dict[str, Any]) -> bool:
-    """Return whether the tables of a record contain numbers and nulls only."""
+    """Return whether the tables of a record contain only numbers and nulls."""
     tables = [data.get(key) for key in ("device_ms", "busy_ms", "stages_ms", "memory_bytes")]
     values = [value for table in tables if isinstance(table, dict) for value in table.values()]
     numbers = (*values, data.get("driver_memory_bytes"))
@@ -229,7 +229,7 @@ def _list_rows(record: dict[str, Any], everything: bool) -> Iterator[tuple[str, 
 
 
 def _format_number(value: float | None, unit: str) -> str:
-    """Return a value with its unit, or "--". Bytes are printed as MiB, and short times in microseconds."""
+    """Return a value with its unit, or "--". Bytes are printed in MiB, and short times in microseconds."""
     if value is None:
         return "--"
     if unit == "B":

@@ -90,7 +90,10 @@ def evaluate(
 def _write_photographs(
     path: Path, folder: Path, reading: SceneOptions, color: Color | None, output: Output
 ) -> dict[Path, Path]:
-    """Write the prepared test photographs of a scene, and return the photograph of each written file."""
+    """Write the prepared test photographs of a scene.
+
+    Return the photograph that belongs to each written file.
+    """
     from msb.metrics.ground_truth import ground_truth
     from msb.render.images import image_names, write_image
     from msb.scenes import read_scene
@@ -125,13 +128,13 @@ class _Comparison:
         from msb.metrics import IMAGE_METRICS, Measures
 
         self.output, self.pred, self.gt, self.background = output, pred, gt, color
-        # The photograph of each written ground-truth file of a scene.
+        # The photograph from which each ground-truth file was written.
         self.photographs = photographs or {}
         self.reason = NO_WEIGHTS if vgg_weights is None else None
         self.metrics = IMAGE_METRICS
         with nullcontext() if vgg_weights is None else output.progress(f"reading {vgg_weights.name}"):
             self.measures = Measures(vgg_weights)
-        # For each pair, whether the image is uniform, and whether its ground truth is uniform.
+        # For each pair of images, whether the image is uniform, and whether its ground truth is uniform.
         self.uniform: list[tuple[bool, bool]] = []
         self.notes = [warning.to_line(vgg_weights) for warning in self.measures.warnings]
 
@@ -142,7 +145,7 @@ class _Comparison:
         rows: list[dict[str, Any]] = []
         failed: list[dict[str, Any]] = []
         status = 0
-        # The number of pairs with each error message.
+        # For each error message, the number of pairs with this error.
         counts: Counter[str] = Counter()
         # Missing libraries are reported once, before the first pair.
         read = ["OpenEXR"] if any(".exr" in (p.pred.suffix, p.gt.suffix) for p in pairs) else []
@@ -169,7 +172,7 @@ class _Comparison:
             if count > 1:
                 self.output.note(f"{count} of {len(pairs)} images have the same error: {message}")
         # If all images are uniform and the ground truth is not, the images do not show the model. Metrics of
-        # images without the model would be misleading.
+        # images that do not show the model would be misleading.
         is_empty = bool(rows) and all(a for a, _ in self.uniform) and not all(b for _, b in self.uniform)
         if is_empty:
             rows = [{**row, **dict.fromkeys(self.metrics)} for row in rows]

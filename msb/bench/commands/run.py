@@ -34,7 +34,7 @@ _START = re.compile(rb'\s*\{\s*"schema"\s*:\s*"%s"' % re.escape(_SCHEMA).encode(
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Options for the protocol, the cells to evaluate, the results folder and the workers."""
+    """Options for the protocol, the benchmark cells to evaluate, the results folder and the workers."""
 
     scene: Annotated[
         Path | None, Option("Evaluate a single asset, given as PROTOCOL, on this scene.", metavar="DIR")
@@ -102,7 +102,10 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class RunOutput(Output):
-    """An output option. Without --force, it replaces no file except the JSON file of an earlier run."""
+    """An output option.
+
+    If --force is not given, the command replaces no file except the JSON file of an earlier run.
+    """
 
     _remedy: ClassVar[str] = "msb run replaces only JSON files of earlier runs; use another file name"
 
@@ -137,10 +140,10 @@ def run(
 ) -> int:
     """Evaluate methods on scenes under all conditions: image quality, gaps, speed, memory and audits.
 
-    Each benchmark cell (dataset, scene, method, condition) has one record. Finished cells are not computed
-    again. Start the same command again to continue after an interruption, or to evaluate added models. A
-    failed benchmark cell does not stop other cells. The exit status is the highest status of all failures.
-    msb report writes tables.
+    Each benchmark cell (dataset, scene, method, condition) has one record. Finished benchmark cells are not
+    computed again. Start the same command again to continue after an interruption, or to evaluate added
+    models. A failed benchmark cell does not stop other cells. The exit status is the highest status of all
+    failures. msb report writes tables.
     """
     if options.example is not None:
         others = typed.keys() - {"example", "quiet", "verbose", "color", "log_file", "debug"}
@@ -199,10 +202,10 @@ def run(
 
 
 def _group_failures(report: Report, *, dry: bool) -> dict[Reason, list[str]]:
-    """Group the failed cells and the failed parts of cells by the reason of the failure."""
+    """Group the failed benchmark cells and the failed parts of cells by the reason of the failure."""
     failures: dict[Reason, list[str]] = {}
     for row in report.rows:
-        if dry and row.planned.status == "failed":  # these inputs are already listed as missing
+        if dry and row.planned.status == "failed":  # these inputs are already in the list of missing inputs
             continue
         for part, reason in row.reasons.items():
             if not reason.code.startswith("UNSUPPORTED_"):
@@ -246,7 +249,7 @@ def _is_unsteady(row: CellOutcome) -> bool:
 
 
 def _get_numbers(row: CellOutcome) -> dict[str, float | None]:
-    """Return the image metrics and the frame rate of a cell."""
+    """Return the image metrics and the frame rate of a benchmark cell."""
     from msb.bench.aggregate import METRICS
     from msb.metrics import IMAGE_METRICS
 
@@ -281,7 +284,7 @@ def _make_document(file: ProtocolFile, report: Report) -> dict[str, Any]:
 
 
 def _print(file: ProtocolFile, report: Report, output: Output, *, dry: bool) -> None:
-    """Print a table for each dataset, the number of cells in each state, and the results folder."""
+    """Print a table for each dataset, the number of benchmark cells in each state, and the results folder."""
     from msb.metrics import IMAGE_METRICS
 
     headers = [metric.title for metric in IMAGE_METRICS.values()] + ["FPS"]
@@ -324,7 +327,7 @@ def _format_row(row: CellOutcome) -> list[str]:
 
 
 def _describe_state(row: CellOutcome, *, dry: bool) -> str:
-    """Return the state of a cell in the table, such as "computed" or, in a dry run, "pending"."""
+    """Return the state of a benchmark cell in the table, such as "computed" or, in a dry run, "pending"."""
     planned = row.planned
     if planned.status == "unsupported":
         return "N/A"

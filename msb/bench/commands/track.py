@@ -41,11 +41,11 @@ def track(
 ) -> int:
     """Run a training and record its time, peak GPU memory and peak RAM, including child processes.
 
-    The exit status is that of the command, or 128 + n if signal n ended the command. To use the record of a
-    training, name its file in the key training of a protocol. With --frames, the command is a method's
-    official renderer. To use the record of a renderer, name its file in the key non_engine_timing. The record
-    states that its time includes loading and writing. GPU memory is measured by NVML (NVIDIA only, extra
-    gpu). If GPU memory cannot be measured, the record gives the reason.
+    The exit status is the status of the command, or 128 + n if signal n ended the command. To use the record
+    of a training run, name its file in the key training of a protocol. With --frames, the command is a
+    method's official renderer. To use the record of a renderer, name its file in the key non_engine_timing.
+    With --frames, the record states that its time includes loading and writing. GPU memory is measured by
+    NVML (NVIDIA only, extra gpu). If GPU memory cannot be measured, the record gives the reason.
     """
     from msb.base.atomic import new_file
     from msb.bench.track import make_renderer_timing

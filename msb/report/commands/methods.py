@@ -93,9 +93,9 @@ def tables() -> Iterator[tuple[str, TextRows]]:
 
 
 def _table_rows(table: Table, group: str | None = None) -> TextRows:
-    """Return the texts of all columns of a table, or of the columns below the heading `group`.
+    """Return the texts of all table columns. If `group` is given, return only the columns below this heading.
 
-    A star marks a note.
+    A star marks a text with a note.
     """
     places = [n for n, column in enumerate(table.columns) if group is None or group in column.groups]
     rows: TextRows = [("method", *(table.columns[place].title for place in places))]

@@ -16,8 +16,8 @@ from msb.report.writers import ReportFormat, TableFormat
 
 # Default folder of reports, within the results folder.
 _FOLDER = "report"
-# Maximum number of faces of a mesh whose diagnostic image is drawn by default. The diagnostic image of a
-# larger mesh takes longer than the rest of the report.
+# Maximum number of faces of a mesh whose diagnostic image is drawn by default. For a larger mesh, drawing the
+# diagnostic image takes longer than the remaining report.
 _MAX_DIAGNOSTIC_FACES = 300_000
 # Options that require folders of results.
 _RESULTS_OPTIONS = ("views", "published", "against", "allow_mixed")
@@ -88,7 +88,7 @@ class ReportOptions:
         return cast("list[ReportFormat]", formats)
 
     def printed_format(self) -> TableFormat:
-        """Return the format of printed tables, by default Markdown.
+        """Return the format of printed tables. The default is Markdown.
 
         Raises UsageError if html or several formats are named.
         """
@@ -122,9 +122,9 @@ def report(
     """Write tables, charts, findings and pages on results, with the paper's numbers beside them.
 
     The command writes report.md, report.json, tables in every format, index.html, and a page per asset with a
-    verdict on its uses. All pages work offline. The command only reads results: missing values are printed as
-    N/A or --, with the reason. For submissions (.zip), the command writes a board: one page with the results
-    of all submitters. Submissions that fail verification are rejected.
+    verdict on its uses. All HTML pages work offline. The command only reads results: missing values are
+    printed as N/A or --, with the reason. For submissions (.zip), the command writes a board: one page with
+    the results of all submitters. Submissions that fail verification are rejected.
     """
     from msb.base.files import check_folder
     from msb.base.own_folder import own_folder
@@ -149,7 +149,7 @@ def report(
         has_output = options.out is not None or options.table is not None
         require(has_output, "Missing output. Pass -o with the folder of the board")
     target = options.out if options.out is not None or not folders else folders[0] / _FOLDER
-    # Print tables without writing files.
+    # Print the tables without writing files.
     if options.table is not None or target is None:
         form = options.printed_format()
         _print_tables(_build(folders, options, output, pictures=False), options.table, form, output)
@@ -158,7 +158,7 @@ def report(
         check_folder(folders[0], "folder of results")
     overwrite = _check_target(target, output)
     if not {"md", "tex", "html"}.isdisjoint(formats):
-        # Check the installed packages before the long computation.
+        # Check the installed packages before the computation, which takes long.
         need_extra("bench", "jinja2", "matplotlib", what="a report", instead="--format csv,json needs none")
     # Build and write the report.
     built = _build(folders, options, output, pictures=True)
@@ -191,7 +191,7 @@ def _print_tables(report: Report, label: str | None, form: TableFormat, output: 
     chosen = None if label is None else report.tables.get(label)
     if label is not None and chosen is None and EQUIVALENTS.get(label) in report.tables:
         # The user passed a label of the paper. Print our table with the paper's label, so that references in
-        # a text remain valid.
+        # a text stay valid.
         chosen = replace(report.tables[EQUIVALENTS[label]], label=label)
     if label is not None and chosen is None:
         text = f'the table "{shorten(label, 60)}" does not exist; choose from {", ".join(report.tables)}'
@@ -203,7 +203,10 @@ def _print_tables(report: Report, label: str | None, form: TableFormat, output: 
 
 
 def _build(folders: tuple[Path, ...], options: ReportOptions, output: Output, *, pictures: bool) -> Report:
-    """Return a report on results, a board of submissions, or the paper's own report if `folders` is empty."""
+    """Return a report on results or a board of submissions.
+
+    If `folders` is empty, return the paper's own report.
+    """
     from msb.bench.submission import is_submission, read_submission
     from msb.report.board import build_board
     from msb.report.build import build_report, paper_report
@@ -234,7 +237,8 @@ def _build(folders: tuple[Path, ...], options: ReportOptions, output: Output, *,
 
 
 def _check_target(target: Path, output: Output) -> bool:
-    """Check the output folder. Return whether the folder contains files of an earlier report to replace.
+    """Check the output folder. Return whether the folder contains files of an earlier report, which will be
+    replaced.
 
     Replace the files of an earlier report even without --force, because reports are usually repeated.
     """

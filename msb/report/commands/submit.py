@@ -8,7 +8,7 @@ from msb.cli.command import command
 from msb.cli.output import JsonOutput, echo, file_option
 from msb.errors import UsageError
 
-# Maximum length of a submitter's name, in characters, so that it fits into a column of the board.
+# Maximum length of a submitter's name in characters. A longer name would not fit into a column of the board.
 _MAX_NAME_LENGTH = 60
 
 

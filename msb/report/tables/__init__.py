@@ -1,1 +1,1 @@
-"""The tables of a report. Each builder turns a `Numbers` object into a `Table`."""
+"""The tables of a report. Each function in this package converts a `Numbers` object to a `Table`."""

@@ -1,4 +1,4 @@
-"""The tables on the page of one asset, and the origins of its numbers."""
+"""The tables on the page of one asset. The page also lists the origins of the asset's numbers."""
 
 from collections.abc import Mapping
 
@@ -24,7 +24,7 @@ from msb.report.tables.gaps import scene_gaps_table
 from msb.report.tables.measurements import DRIVER_NOTE, STRUCTURE_NOTES, connectivity_columns
 
 _COSTS = ("fps", "p50_ms", "p95_ms", "memory", "asset_size")
-# Attributes of `Memory`, in bytes.
+# Attributes of the class `Memory`, in bytes.
 _MEMORY_PARTS = ("geometry", "appearance", "scratch", "targets", "total")
 
 
@@ -74,7 +74,7 @@ def asset_tables(place: Place, records: Mapping[str, Result], numbers: Numbers) 
 
 
 def _memory_table(memory: Mapping[str, Memory]) -> Table:
-    """Return the device memory by purpose. `memory` contains the bytes of each condition."""
+    """Return the table of device memory by purpose. For each condition, `memory` contains the bytes."""
     by_driver = any(used.driver_bytes is not None for used in memory.values())
     rows = []
     for condition, used in memory.items():
@@ -94,7 +94,7 @@ def _memory_table(memory: Mapping[str, Memory]) -> Table:
 
 
 def _structure_table(place: Place, metrics: Mapping[str, float | None]) -> Table:
-    """Return the connectivity metrics of a mesh, with the paper's means over scenes of the same dataset."""
+    """Return the connectivity metrics of a mesh, with the paper's means for the same dataset."""
     columns = connectivity_columns()
 
     def cells(values: Mapping[str, float | None]) -> tuple[TableCell, ...]:
@@ -113,7 +113,7 @@ def _structure_table(place: Place, metrics: Mapping[str, float | None]) -> Table
 
 
 def provenance(records: Mapping[str, Result]) -> list[tuple[str, str]]:
-    """Return (name, value) pairs for the page of an asset: files, renderers, devices and settings."""
+    """Return (name, value) pairs about files, renderers, devices and settings for the page of an asset."""
     facts: dict[str, dict[str, None]] = {}
 
     def add(name: str, value: str | None) -> None:

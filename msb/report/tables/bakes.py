@@ -1,4 +1,4 @@
-"""Tables of baked meshes: their quality and cost, and the parts of the loss from Dedicated to Standard."""
+"""Tables of baked meshes: their quality, their cost, and the parts of the loss from Dedicated to Standard."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -26,9 +26,9 @@ from msb.report.tables.gaps import absent_cell, gap_cell
 
 STEP_TITLES: dict[StepName, str] = {"colors": "Colours", "faces": "Faces", "blending": "Blending"}
 SPLIT_NOTES = (
-    "ceiling: the best bake that keeps the positions of all triangles; bake: the best of the other bakes. "
+    "ceiling: the best bake that keeps the positions of all triangles. bake: the best of all other bakes. "
     "The best bake has the highest PSNR with one sample per pixel",
-    "colours: from the ceiling to Standard; faces: from the bake to the ceiling; blending: from Dedicated "
+    "colours: from the ceiling to Standard. faces: from the bake to the ceiling. blending: from Dedicated "
     "to the bake. The ceiling omits triangles that make the opaque rendering worse",
     "all parts are averaged over the same scenes and add up to the loss; a negative part is a gain",
 )
@@ -40,10 +40,11 @@ _SPLIT_COLUMNS = (
 )
 AS_EXPORTED = "as exported"
 BAKES_NOTES = (
-    "bakes use training views only and are rendered like Standard; PSNR is measured with one sample per "
+    "bakes use training views only and are rendered like Standard. PSNR is measured with one sample per "
     "pixel, and with 16 samples, which is close to multisampling",
     "tasks: number of trial tasks that work, possibly with limitations",
-    "verdict: verdict of the audit. If scenes have different verdicts, the number of scenes per verdict",
+    "verdict: the verdict of the audit. If scenes have different verdicts, the cell lists the number of "
+    "scenes per verdict",
 )
 _METRICS = ("psnr", "psnr_16", "faces", "asset_size", "memory", "p50_ms", "bake_seconds", "tasks")
 # Metrics in the record of the exported mesh. All other metrics are in the record of the renderings.
@@ -82,7 +83,7 @@ def scene_split_table(numbers: Numbers, place: Place) -> Table:
 
 
 def _split_cells(numbers: Numbers, key: SplitKey) -> tuple[TableCell, ...]:
-    """Return the cells of a loss: the total, its parts, and the names of both bakes."""
+    """Return the table cells of a loss: the total, the parts, and the names of the two bakes."""
     split = numbers.splits[key]
     ends = [numbers.number(Key(*key[:3], name, key.metric)) for name in ("dedicated", "standard")]
     if split.total is None or split.total.signed is None:
@@ -107,8 +108,8 @@ def _bake_name_cell(condition: str) -> TableCell:
 def _step_cell(key: SplitKey, split: Split, name: StepName, ends: Sequence[Number]) -> TableCell:
     """Return the table cell of one part of a loss.
 
-    If the bake between two parts is missing, only the sum of both parts is known. One cell then contains the
-    sum, and the other cell is empty.
+    If the bake between two parts is missing, only the sum of both parts is known. One table cell then
+    contains the sum, and the other cell is empty.
     """
     gap = split.steps.get(name)
     if gap is not None and gap.signed is not None:
@@ -124,7 +125,7 @@ def _step_cell(key: SplitKey, split: Split, name: StepName, ends: Sequence[Numbe
 
 
 def bakes_table(numbers: Numbers, dataset: str) -> Table:
-    """Return quality, size, speed, bake time, verdict and tasks of the exported mesh and of each bake."""
+    """Return a table that compares the exported mesh with each bake."""
     methods = numbers.methods(dataset, *numbers.variants(dataset, BAKED))
     rows = [
         row
@@ -148,7 +149,8 @@ def _make_bakes_table(label: str, caption: str, heads: tuple[str, ...], rows: li
 
 def _asset_rows(numbers: Numbers, place: tuple[str, str, str], *labels: str) -> list[TableRow]:
     """Return a row for the exported mesh, and a row per bake. `place` is dataset, scene and method."""
-    # The exported mesh is drawn as Standard. A bake is drawn and audited under its own condition.
+    # The exported mesh is drawn under the condition Standard. A baked mesh is drawn and audited under the
+    # condition of its bake.
     bakes = numbers.variants(place[0], BAKED)
     rows = []
     for condition in ("standard", *bakes):

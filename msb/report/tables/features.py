@@ -6,10 +6,10 @@ from dataclasses import fields
 from msb.registry import METHODS, Method, Native, Tier
 from msb.report.table import NOT_AVAILABLE, NOT_SUPPORTED, Table, TableCell, TableColumn, TableRow
 
-# Titles of fields that differ from the capitalised field name.
+# Titles of fields. All other titles are the capitalised names of the fields.
 _TITLES = {"sh": "SH", "view_dependence": "View-dep."}
 # For each tier, the fields of `Retained` that are columns of the table. The standard tier is the opaque
-# fallback and keeps only the appearance.
+# fallback for all methods, and keeps only the appearance.
 _FIELDS: dict[Tier, tuple[str, ...]] = {
     "standard": ("support", "appearance"),
     "dedicated": ("support", "view_dependence", "opacity", "soft_coverage", "depth_sort", "appearance"),
@@ -18,7 +18,10 @@ TIER_TITLES: dict[Tier, str] = {"standard": "Standard deployment", "dedicated": 
 
 
 def native_features(methods: Iterable[Method] | None = None) -> Table:
-    """Return the features of the representations of `methods`. By default, all methods are included."""
+    """Return the table of features of the representations of `methods`.
+
+    By default, all methods are included.
+    """
     names = [field.name for field in fields(Native)]
     return Table(
         "method_attributes",
@@ -34,7 +37,7 @@ def native_features(methods: Iterable[Method] | None = None) -> Table:
 
 
 def deployment_features(methods: Iterable[Method] | None = None) -> Table:
-    """Return the features of each method in `methods` that each tier keeps.
+    """Return the table of features that each tier keeps for the methods in `methods`.
 
     By default, all methods are included.
     """

@@ -34,23 +34,24 @@ REASONS = {
     "metric_mismatch": "the compared results have different definitions of the metric",
     "asset_mismatch": "the compared results are of different assets",
     "device_mismatch": "the compared results were measured on different devices",
-    "unsteady": "the rounds of a frame rate differ by more than 25 %",
+    "unsteady": "the frame rates of timing rounds differ by more than 25 %",
     "whole_command": "the time of the native renderer includes loading and writing",
 }
 PAPER_NOTE = (
-    "in the paper, an engine's Dedicated loses 2.2 to 4.9 dB PSNR (DiffSoup 0.4 dB). This could not be "
-    "reproduced. Our Dedicated draws the official image. With an engine's order and sampling, our models "
-    "lose at most 0.4 dB at their training size. Only a port without sorting loses as much (docs/trained.md)"
+    "in the paper, an engine's Dedicated loses 2.2 to 4.9 dB PSNR (DiffSoup 0.4 dB). We could not reproduce "
+    "this loss. Our Dedicated draws the official image. With an engine's order and sampling, our models lose "
+    "at most 0.4 dB at their training size. Only a port without sorting loses as much (docs/trained.md)"
 )
 _NAMES: dict[GapName, str] = {"adapt": "Adapt", "port": "Port", "deploy": "Deploy"}
 NOTES = {
-    "adapt": "adapt: Non-Engine to Dedicated; port: Dedicated to Standard; deploy: Non-Engine to Standard. "
-    "Each gap is computed from its two conditions, and deploy is not the sum of adapt and port",
+    "adapt": "adapt: from Non-Engine to Dedicated. port: from Dedicated to Standard. deploy: from "
+    "Non-Engine to Standard. Each gap is computed from its two conditions, so deploy is not the "
+    "sum of adapt and port",
     "loss": "loss: the gap with its sign, positive for a loss of quality",
-    "monotone": "monotone: whether Dedicated lies between Non-Engine and Standard",
+    "monotone": "monotone: whether the value of Dedicated is between the values of Non-Engine and Standard",
     "excess": "excess: adapt + port - deploy, 0 if monotone",
-    "mean": "mean scene gap: the mean of the absolute deploy gaps of the scenes, which is never less than "
-    "the gap between the means",
+    "mean": "mean scene gap: the mean of the absolute deploy gaps of all scenes. It is never less than the "
+    "gap between the means",
 }
 _COLUMNS = {
     **{name: TableColumn(title, ("Gap",)) for name, title in _NAMES.items()},
@@ -67,9 +68,9 @@ def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> 
     """Return the gaps of every method and metric on a dataset.
 
     Further rows show gaps of other conditions. An engine or a bake can replace Standard, and a variant can
-    replace Dedicated. The two tiers of one engine can replace both.
+    replace Dedicated. If one engine draws both tiers, its conditions can replace Standard and Dedicated.
     """
-    # Each metric has a block of rows: the two tiers first, then engines, bakes and variants.
+    # Each metric has a block of rows: first the two tiers, then engines, bakes and variants.
     rows: list[TableRow] = []
     for metric in QUALITY:
         for standard, dedicated in numbers.gap_pairs(dataset):
@@ -78,7 +79,7 @@ def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> 
                 gaps = numbers.gaps.get(key)
                 if not key.is_between_tiers and gaps is None:
                     continue
-                # Omit rows of bakes without any value, because bakes have many rows.
+                # Omit rows of bakes that have no value, because each bake adds several rows.
                 if (
                     standard.startswith(f"{BAKED}/")
                     and gaps
@@ -101,7 +102,7 @@ def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> 
 
 
 def gap_title(key: GapKey) -> str:
-    """Return the title of a gap: its method, and its variant, engine or bake."""
+    """Return the title of a gap: the method, and the variant, engine or bake if any."""
     names = [condition.partition("/")[2] for condition in (key.dedicated, key.standard)]
     return ", ".join((method_title(key.method), *map(plain_text, filter(None, names))))
 
@@ -131,7 +132,7 @@ def scene_gaps_table(numbers: Numbers, place: Place) -> Table:
 
 
 def slowdown_table(numbers: Numbers, paper: Numbers | None = None) -> Table:
-    """Return two kinds of frame rate ratios: Standard to Dedicated, and Dedicated to Non-Engine."""
+    """Return the table with two ratios of frame rates: Standard to Dedicated, and Dedicated to Non-Engine."""
     rows: list[TableRow] = []
     for dataset in numbers.datasets():
         for standard, dedicated in numbers.ratio_pairs(dataset):
@@ -156,9 +157,9 @@ def slowdown_table(numbers: Numbers, paper: Numbers | None = None) -> Table:
         ),
         tuple(rows),
         (
-            "means: ratio of the means over scenes; scenes: smallest to largest ratio of single scenes",
-            "the frame rates are end to end: a ratio is not the cost of sorting, blending or any other "
-            "single step",
+            "means: ratio of the means over scenes. scenes: smallest to largest ratio of single scenes",
+            "the frame rates are end to end. A ratio does not measure the cost of sorting, blending or any "
+            "other single step",
         ),
     ).with_common_notes()
 
@@ -166,7 +167,7 @@ def slowdown_table(numbers: Numbers, paper: Numbers | None = None) -> Table:
 def _gap_cells(numbers: Numbers, key: GapKey) -> dict[str, TableCell]:
     """For each key of `_COLUMNS`, return the table cell of the gaps at `key`."""
     gaps = numbers.gaps.get(key)
-    # For each missing gap, create a cell that gives the reason.
+    # For each missing gap, create a table cell that gives the reason.
     absent = {}
     for name in _NAMES:
         reason = "missing" if gaps is None else gaps[name].reason
@@ -181,7 +182,7 @@ def _gap_cells(numbers: Numbers, key: GapKey) -> dict[str, TableCell]:
         return gap_cell(key.metric, value, gap, ends, sign=signed, interval=signed)
 
     if gaps is None or gaps.monotone is None or gaps.triangle_excess is None:
-        # Give the reason if one of the gaps is missing. A reason of the kind "not supported" (N/A) takes
+        # If one of the gaps is missing, give the reason. A reason of the kind "not supported" (N/A) takes
         # precedence.
         missing = [absent[name] for name in _NAMES if gaps is None or gaps[name].value is None]
         other = TableCell(NOT_AVAILABLE, reason="the two gaps cover different scenes")
@@ -201,7 +202,10 @@ def _gap_cells(numbers: Numbers, key: GapKey) -> dict[str, TableCell]:
 def gap_cell(
     metric: str, value: float, gap: Gap, ends: Iterable[Number], *, sign: bool = True, interval: bool = True
 ) -> TableCell:
-    """Return a table cell for a value of `gap`. The cell has the notes of the two compared numbers `ends`."""
+    """Return a table cell for a value of `gap`.
+
+    `ends` are the two compared numbers, whose notes are added to the cell.
+    """
     return difference_cell(
         metric,
         value,
@@ -220,12 +224,12 @@ def _end_numbers(numbers: Numbers, key: GapKey, name: GapName) -> list[Number]:
 
 
 def _replace_tiers(key: GapKey, tiers: Iterable[str]) -> list[str]:
-    """Replace the names "standard" and "dedicated" in `tiers` by the conditions of `key`."""
+    """Replace the names "standard" and "dedicated" in `tiers` by the condition names of `key`."""
     return [{"standard": key.standard, "dedicated": key.dedicated}.get(tier, tier) for tier in tiers]
 
 
 def _ratio_cells(numbers: Numbers, key: GapKey) -> tuple[TableCell, ...]:
-    """Return two table cells for each pair of conditions: the ratio of mean frame rates, and its range."""
+    """For each pair of conditions, return two table cells: ratio of mean frame rates, and range."""
     cells: list[TableCell] = []
     for pair in _RATIOS:
         conditions = _replace_tiers(key, pair)
@@ -246,7 +250,7 @@ def _ratio_cells(numbers: Numbers, key: GapKey) -> tuple[TableCell, ...]:
 
 
 def absent_cell(ends: Iterable[Number], reason: str | None, metric: str) -> TableCell:
-    """Return the cell of a missing difference.
+    """Return the table cell of a missing difference.
 
     The text is "N/A" or "unsteady" if a compared number has this text, else "--".
     """
@@ -256,6 +260,6 @@ def absent_cell(ends: Iterable[Number], reason: str | None, metric: str) -> Tabl
         for end in missing:
             if end.absent == absent:
                 return TableCell(absent, None, metric, unit, reason=end.reason)
-    if reason == "unsteady":  # both numbers exist, but the gap has this reason
+    if reason == "unsteady":  # both numbers exist, so this is the only reason for the missing gap
         return TableCell(UNSTEADY, None, metric, unit, reason=REASONS[reason])
     return TableCell(NOT_AVAILABLE, None, metric, unit, reason=REASONS.get(reason or "", reason))

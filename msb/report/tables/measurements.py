@@ -28,39 +28,40 @@ TIME_NOTE = (
     "the end of its last command. The mean row averages the percentiles of the scenes"
 )
 MEMORY_NOTE = (
-    "total size of all buffers and images after rendering all test views. Each buffer is as large as the "
-    "most demanding view requires. Memory of the driver itself is not included"
+    "total size of all buffers and images after rendering all test views. Each buffer has the size that the "
+    "largest view needs. The driver's own memory is not included"
 )
 DRIVER_NOTE = (
     "By the driver: memory of the process on an NVIDIA GPU after all test views were rendered, as reported "
-    "by NVML. It includes memory of the driver itself and memory that earlier cells of the process did not "
-    "release"
+    "by NVML. It includes the driver's own memory. It also includes memory that the process still holds from "
+    "earlier benchmark cells"
 )
 PARTS_NOTES = (
-    "Busy P50: sum of the times of all commands of a frame; P50 - Busy P50 is idle time between commands",
-    "Host: 1000 / FPS - P50, the wall-clock time of a frame outside of its device time",
-    "Rounds apart: difference between the fastest and the slowest of five rounds, relative to the frame rate",
+    "Busy P50: sum of the times of all commands of a frame. P50 - Busy P50 is the idle time between commands",
+    "Host: 1000 / FPS - P50, the wall-clock time of a frame minus its device time",
+    "Rounds apart: difference in frame rate between the fastest and the slowest of five timing rounds, "
+    "relative to the overall frame rate",
 )
 WALK_NOTES = (
-    "Flicker: root mean square of the changes between frames that surface motion does not explain, in levels "
-    "of 255. A static opaque mesh with 64 samples per pixel has less than 0.3",
+    "Flicker: root mean square of the changes between frames that surface motion does not explain, in "
+    "levels of 255. The flicker of a static opaque mesh with 64 samples per pixel is less than 0.3",
     "Holes: pixels that show the background instead of the model, as a share of the pixels that show the "
     "model or a hole",
 )
 FLOOR_NOTE = (
     "Floor: the part of the renderer's cost that does not depend on the mesh. It is measured with a single "
-    "triangle of the "
-    "model and the shared texture or network, at the size of the largest view, and averaged over scenes"
+    "triangle and the shared texture or network, at the size of the largest view. The cost is averaged over "
+    "scenes"
 )
 # Notes on the interpretation of connectivity metrics (paper, "Interpretation").
 STRUCTURE_NOTES = (
     "of the mesh as stored: faces and vertices were not merged, removed or repaired",
-    "boundaries are not always errors: open scenes, sheets and unseen parts of a surface have boundaries",
+    "boundaries are not always errors. Open scenes, sheets and unseen parts of a surface have boundaries",
     "V/F and valence measure how often vertices are shared, not manifoldness or accuracy. Seams of UVs, "
     "normals and materials duplicate vertices, which raises V/F",
     "the number of components and the size of the largest component (LCC) do not measure accuracy or "
-    "manifoldness. The number of components depends on the resolution and the scene. Read it together with "
-    "the LCC fractions, and look at the mesh",
+    "manifoldness. The number of components depends on the resolution and the scene. Compare it with the "
+    "LCC fractions, and look at the mesh",
     "self-intersections are not examined",
 )
 # Metrics of native renderings, in addition to image quality.
@@ -73,7 +74,7 @@ _CONNECTIVITY = {
     "Local structure": ("boundary_edge_ratio", "nonmanifold_edge_ratio", "nonmanifold_vertex_ratio"),
     "Global connectivity": ("lcc_face_ratio", "lcc_area_ratio", "components"),
 }
-# Headings for groups of scenes, by the name of the group's mean.
+# For each mean over a group of scenes, the heading of the group.
 _GROUPS = {"indoor_mean": "indoor scenes", "outdoor_mean": "outdoor scenes"}
 
 
@@ -87,7 +88,7 @@ def native_rows(numbers: Numbers, *, asset_metrics: Sequence[str] = ()) -> list[
 
 
 def _deployment_rows(numbers: Numbers, dataset: str) -> list[RowSpec]:
-    """Return a row per deployed condition and method of a dataset."""
+    """Return a row for each deployed condition of each method on a dataset."""
     conditions = [condition for condition in numbers.conditions(dataset) if condition != "non_engine"]
     return [
         titled_row(condition=condition, method=method)
@@ -105,7 +106,7 @@ def _scene_rows(
     prefix: str = "",
     of: Mapping[str, str] | None = None,
 ) -> Iterator[RowSpec]:
-    """Yield a row for each scene and each mean. For a dataset without scenes, yield only the mean.
+    """Yield a row for each scene and for each mean. For a dataset without scenes, yield only the mean.
 
     Parameters
     ----------
@@ -114,11 +115,12 @@ def _scene_rows(
     groups : sequence of str
         The groups of scenes of the dataset, in table order.
     group_means : bool
-        Whether each group ends with its mean. If false, only the last row is a mean and is bold.
+        Whether each group ends with its mean. If the value is false, only the last row is a mean, and this
+        row is bold.
     prefix : str
-        First words of each section's name.
+        First words of the name of each section.
     of : mapping of str to str, optional
-        Fields of all keys.
+        Key fields that all rows share.
     """
     members = scene_groups(dataset)
 
@@ -126,7 +128,7 @@ def _scene_rows(
         heading = ", ".join(filter(None, (prefix, *section)))
         return RowSpec((scene_title(scene),), {"scene": scene, **(of or {})}, heading, scene in MEANS, bold)
 
-    # The order is: groups of scenes, scenes without a group, and the mean.
+    # The scenes of a group come first, then scenes without a group, then the mean.
     remaining = numbers.scenes(dataset)
     for group in groups if members else ():
         of_group = [scene for scene in remaining if scene in members[group]]
@@ -139,7 +141,7 @@ def _scene_rows(
 
 
 def _has_floor(numbers: Numbers, dataset: str) -> bool:
-    """Return whether a single triangle was timed on a dataset."""
+    """Return whether the cost of a single triangle was measured on a dataset."""
     return any(
         number.value is not None
         for key, number in numbers.values.items()
@@ -148,7 +150,7 @@ def _has_floor(numbers: Numbers, dataset: str) -> bool:
 
 
 def _floor_rows(numbers: Numbers, dataset: str) -> list[RowSpec]:
-    """Return the row of a single triangle, if a single triangle was timed."""
+    """If a single triangle was timed, return a row with its cost."""
     if not _has_floor(numbers, dataset):
         return []
     return [RowSpec((scene_title(FLOOR),), {"scene": FLOOR}, "one triangle")]
@@ -170,7 +172,10 @@ def native_summary(numbers: Numbers, paper: Numbers | None = None) -> Table:
 
 
 def native_comprehensive_results(numbers: Numbers, paper: Numbers | None = None) -> Table:
-    """Return the columns of `native_summary` for each scene and mean. The best method of a scene is bold."""
+    """Return the columns of `native_summary` for each scene and for each mean.
+
+    The best method of a scene is bold.
+    """
     return make_table(
         numbers,
         paper,
@@ -190,7 +195,8 @@ def native_comprehensive_results(numbers: Numbers, paper: Numbers | None = None)
 
 
 def renderer_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return a row per condition and metric, and a column per method. The best condition is bold.
+    """Return a table with a row for each condition and metric, and a column for each method. The best
+    condition is bold.
 
     Standard comes before Dedicated, as in the paper.
     """
@@ -229,7 +235,8 @@ def _comparison_order(condition: str) -> int:
 
 
 def scene_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return a row for each deployed condition and method, and a block of columns for each scene.
+    """Return a table with a row for each deployed condition of each method, and a block of columns for each
+    scene.
 
     The best deployment of each method in each scene is bold.
     """
@@ -253,7 +260,8 @@ def scene_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = Non
 
 
 def per_scene(numbers: Numbers, dataset: str, condition: str) -> Table:
-    """Return a row of results for each scene, under one condition. Each method has a block of columns.
+    """Return a table with a row of results for each scene, under one condition. Each method has a block of
+    columns in the table.
 
     The best method of each scene is bold.
     """
@@ -308,7 +316,7 @@ def latency(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Tab
 
 
 def frame_time(numbers: Numbers, dataset: str) -> Table:
-    """Return the parts of the frame time: device commands, idle time between commands, and host time."""
+    """Return the table of the parts of the frame time: busy device time, idle time and host time."""
     pairs, omitted = _deployments(numbers, dataset, "p50_ms")
     return make_table(
         numbers,
@@ -325,7 +333,10 @@ def frame_time(numbers: Numbers, dataset: str) -> Table:
 
 
 def walk(numbers: Numbers, dataset: str) -> Table:
-    """Return flicker and holes on a walk beyond the captured views. Each method's best condition is bold."""
+    """Return the table of flicker and holes on a camera path (walk) beyond the captured views.
+
+    Each method's best condition is bold.
+    """
     pairs, omitted = _deployments(numbers, dataset, "flicker", bakes=True)
     return make_table(
         numbers,
@@ -344,9 +355,10 @@ def walk(numbers: Numbers, dataset: str) -> Table:
 
 
 def memory(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return the device memory for each scene and deployment."""
+    """Return the table of device memory for each scene and deployment."""
     pairs, omitted = _deployments(numbers, dataset, "memory")
-    # Each condition and method has a column. If the driver reports memory, another column shows it.
+    # Each condition and method has a column. If the driver reports memory, an additional column shows this
+    # memory.
     columns = []
     by_driver = False
     for condition, method in pairs:
@@ -371,9 +383,12 @@ def memory(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Tabl
 
 
 def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return frame time, memory and asset size of a dataset with few scenes. The scenes are side by side."""
-    # Titles of the columns, by heading and metric. Each scene and each mean has a column for every metric of
-    # a block.
+    """Return the table of frame time, memory and asset size for a dataset with few scenes.
+
+    The scenes are side by side.
+    """
+    # Titles of the columns. The keys are heading and metric. For each scene and each mean, every metric of a
+    # block has a column.
     blocks = {
         "Device time of a frame (ms ↓)": {metric: METRICS[metric].title for metric in _PERCENTILES},
         "Memory (MiB ↓)": {"memory": "Render", "asset_size": METRICS["asset_size"].title},
@@ -406,7 +421,8 @@ def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = No
 def _deployments(
     numbers: Numbers, dataset: str, metric: str, *, bakes: bool = False
 ) -> tuple[list[tuple[str, str]], tuple[str, ...]]:
-    """Return the (condition, method) pairs for a table of `metric`. For each unsupported pair, return a note.
+    """Return the pairs (condition, method) of a table for `metric`. For each unsupported pair of condition
+    and method, return a note.
 
     Bakes are included only if `bakes` is true, because the cost of bakes has a separate table.
     """
@@ -430,7 +446,10 @@ def connectivity_columns() -> list[TableColumn]:
 
 
 def mesh_connectivity(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
-    """Return the connectivity of every exported mesh of a dataset, triangle soups last. The mean is bold."""
+    """Return the table of connectivity for every exported mesh of a dataset.
+
+    Triangle soups come last. The mean is bold.
+    """
 
     def is_soup(method: str) -> bool:
         mean = Key(dataset, MEAN, method, "exported_mesh", "nonmanifold_vertex_ratio")

@@ -22,13 +22,13 @@ from msb.report.paper import PUBLISHED_LPIPS
 from msb.report.table import NOT_AVAILABLE, Table, TableCell, TableColumn, TableRow
 from msb.report.tables.measurements import native_rows
 
-# Headings of the values of `Key.source`: the method's paper, its public code, the benchmark's paper, and this
-# run.
+# For each value of `Key.source`, the heading: the method's paper, its public code, the benchmark's paper, or
+# this run.
 SOURCES = {"paper": "Paper", "public": "Public", "meshsplatbench": "MeshSplatBench paper", "": "This run"}
 
 
 class PublishedPair(NamedTuple):
-    """A number of ours and the published number, both in the unit of the records.
+    """Our number and the published number, both in the unit of the records.
 
     `key` is the key of our number, but its `source` is the name of the publication. `notes` contains the
     notes of the published number.
@@ -46,7 +46,7 @@ class PublishedPair(NamedTuple):
 
 
 def reproducibility(numbers: Numbers, paper: Numbers | None = None) -> Table:
-    """Return a row per dataset and method, with a block of columns per source.
+    """Return a table with a row for each dataset and method, and a block of columns for each source.
 
     The best value of a block is bold.
     """
@@ -76,7 +76,7 @@ def pair_with_published(numbers: Numbers, paper: Numbers) -> list[PublishedPair]
     """Pair our image quality values with the published values.
 
     `Key.source` of a pair is "paper" (the method's paper), "public" (the method's public code) or
-    "meshsplatbench" (the benchmark's paper). Means over only some of the scenes are not compared.
+    "meshsplatbench" (the benchmark's paper). If a mean covers only some of the scenes, it is not compared.
     """
     pairs = []
     for key, published in paper.values.items():
@@ -96,7 +96,7 @@ def list_notes(pairs: Iterable[PublishedPair]) -> list[str]:
 
 
 def reproducibility_statistics(numbers: Numbers, paper: Numbers) -> Table:
-    """Return statistics of the differences d = ours - published, with a row per source and metric.
+    """Return a table of statistics of the differences d = ours - published. Each source and metric has a row.
 
     The columns are the number of pairs, mean |d|, max |d|, and the pair with the largest |d|.
     """
@@ -113,7 +113,7 @@ def reproducibility_statistics(numbers: Numbers, paper: Numbers) -> Table:
         tuple(map(TableColumn, ("n", "mean |d|", "max |d|", "max |d| / published (%)", "Worst pair"))),
         tuple(_statistics_row(*group, groups[group]) for group in order if group in groups),
         (
-            "means over only some of the scenes are not compared",
+            "means that cover only some of the scenes are not compared",
             *([f"LPIPS: {PUBLISHED_LPIPS}"] if lpips else []),
             *list_notes(
                 pair for group in groups.values() for pair in group if pair.key.source != "meshsplatbench"

@@ -1,6 +1,6 @@
 "use strict";
-// A click on a heading sorts the rows of each group. Rows without a number stay last, and a row of the paper
-// stays below ours.
+// A click on a heading sorts the rows of each group. Rows without a number stay last. A row of the paper
+// stays below the matching row of ours.
 for (const table of document.querySelectorAll("table")) {
   for (const button of table.querySelectorAll("thead button")) {
     button.addEventListener("click", () => {

@@ -1,4 +1,4 @@
-"""`msb scenes`: list the scenes found in folders, and how they would be evaluated."""
+"""`msb scenes`: list the scenes found in folders, and describe how they would be evaluated."""
 
 import contextlib
 import math
@@ -146,7 +146,7 @@ def _print(reports: list[SceneReport], output: Output) -> None:
             used = "RGBA PNG" if scene.mask_source == "png_alpha" else str(scene.image_folder)
             used += ", resized" if scene.gt_resized else ""
             cells = (str(len(scene.train)), str(len(scene.test)), _size(scene.test[0]), used)
-        # The table has no paths, so print the paths of scenes in the notes.
+        # The table has no paths, so the notes contain the paths of scenes.
         rows.append((shorten(report.name, 40), shorten(report.dataset, 20), *cells))
     output.table(("Scene", "Dataset", "Train", "Test", "Size", "Photographs"), rows, right=(2, 3, 4))
     for report in reports:
@@ -193,7 +193,7 @@ _LAYOUTS = {
 
 
 def _describe(scene: Scene) -> list[tuple[str, str]]:
-    """Return (label, text) rows about a scene that can be evaluated."""
+    """Return rows (label, text) about a scene that can be evaluated."""
     from msb.scenes.datasets import DATASETS, color_name
 
     first = scene.test[0]
@@ -212,7 +212,7 @@ def _describe(scene: Scene) -> list[tuple[str, str]]:
         masks += f"; composited with the background {scene.compositing.replace('_', ' ')}"
     fixed = scene.dataset in DATASETS and DATASETS[scene.dataset].background is not None
     behind = "for every method" if fixed else "unless the method has another background"
-    # Count the different lenses. Two views share a lens if their recorded image sizes and relative focal
+    # Count the lenses that differ. Two views share a lens if their recorded image sizes and relative focal
     # lengths are equal.
     views = {
         (view.source_size or (view.width, view.height), view.fx / view.width, view.fy / view.height)
@@ -242,7 +242,7 @@ def _describe(scene: Scene) -> list[tuple[str, str]]:
 def _list_deviations(report: SceneReport) -> list[tuple[str, str]]:
     """Return table rows that describe how the official code of each method reads the scene.
 
-    Methods with equal differences share a row.
+    Methods with equal differences are listed in one row.
     """
     grouped: dict[tuple[str, ...], list[str]] = {}
     for name, texts in report.deviations.items():

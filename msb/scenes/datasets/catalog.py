@@ -10,8 +10,9 @@ from msb.scenes.colors import WHITE, Color
 # Default dataset name for a capture that belongs to no known dataset.
 CUSTOM = "custom"
 
-# Layout of a scene's folder. The layout "colmap" has sparse/, "blender" has transforms_train.json and
-# transforms_test.json, "transforms" has transforms.json without a split, and "neus" has cameras.npz.
+# Layout of a scene's folder. The layout "colmap" has sparse/, and "neus" has cameras.npz. The layout
+# "blender" has transforms_train.json and transforms_test.json, and "transforms" has transforms.json without a
+# split.
 Layout = Literal["colmap", "blender", "transforms", "neus"]
 
 
@@ -23,19 +24,20 @@ class Dataset:
     ----------
     title : str
     scenes : mapping of str to str
-        The group of each scene; "" in datasets without groups.
+        The group of each scene. In datasets without groups, the group is "".
     names : pattern
         File names of the published photographs, without folders.
     sizes : mapping of str to set of (int, int)
-        The recorded camera sizes of each published scene; the key "" covers all other scenes.
+        The recorded camera sizes of each published scene. The key "" is used for all other scenes.
     masked : bool
-        Whether photographs have a mask and only the object is evaluated, over `background`.
+        Whether photographs have a mask. If the value is true, only the masked object is evaluated, over
+        `background`.
     background : Color, optional
         The background of photographs and renderings; None if it depends on the method (`Rules.backgrounds`).
     folders : tuple of str
-        Lower-case names of the parent folder of the scenes in published packages.
+        Published packages have these lower-case names of the parent folder of the scenes.
     views : (int, int), optional
-        The numbers of training and test views, if they are equal for all scenes.
+        The numbers of training and test views, if all scenes have the same numbers.
     layouts : tuple of Layout
         The layouts of published packages.
     """
@@ -106,12 +108,13 @@ DATASETS: dict[str, Dataset] = {
         layouts=("colmap", "neus"),
     ),
 }
-# Maximum difference in pixels between a recorded side and the published side, because of rounding.
+# Maximum difference in pixels between a recorded side and the published side. The difference comes from
+# rounding.
 _ROUNDING = 1
 
 
 def name_datasets(layout: Layout, name: str, above: str) -> Iterator[tuple[str, bool]]:
-    """Yield the datasets that match the name of a scene or the name of its parent folder `above`.
+    """Yield the datasets that match the scene's name or `above`, the name of the parent folder.
 
     The flag is true if the name of the parent folder suggests the dataset. The name of the parent folder
     takes precedence over the name of the scene.
@@ -130,8 +133,8 @@ def is_published(
     """Return whether photographs have the published names and recorded sizes of a dataset.
 
     Set `below` if the parent folder has the name of the dataset. If the name of the parent folder matches,
-    the names of the photographs are sufficient, so that resized copies are recognised. Folders of DTU's
-    scenes are called scan1 to scan128.
+    only the names of the photographs are compared. Resized copies of the photographs are then recognised.
+    Folders of DTU's scenes are called scan1 to scan128.
     """
     dataset = DATASETS[key]
     if not all(dataset.names.fullmatch(name.rsplit("/", 1)[-1]) for name in photographs):

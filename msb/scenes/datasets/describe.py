@@ -1,4 +1,4 @@
-"""Describe a scene's folder: its content, the files that are used, and deviations of official code."""
+"""Describe a scene's folder: its content, its used files, and deviations of official code."""
 
 import contextlib
 from dataclasses import asdict, dataclass
@@ -24,7 +24,7 @@ from msb.scenes.image_size import image_size
 
 @dataclass(frozen=True)
 class ImageFolder:
-    """A folder of photographs, with the number of used photographs and the size of the first."""
+    """A folder of photographs, with the number of used photographs and the size of the first photograph."""
 
     name: str
     images: int
@@ -36,10 +36,10 @@ class ImageFolder:
 class SceneReport:
     """The content of a scene's folder. Either `scene` or `error` is None.
 
-    `points` is the number of SfM points, or None if they cannot be read. `unused` lists unused files, each
-    with the reason. `deviations` lists the differences between our rules and each method's official code.
-    `missing` counts the missing photographs of "training" and "test" views. The value is None if the cameras
-    cannot be read.
+    `points` is the number of SfM points. If the points cannot be read, the value is None. `unused` lists each
+    unused file with the reason. `deviations` lists the differences between our rules and each method's
+    official code. `missing` counts the missing photographs of "training" and "test" views. If the cameras
+    cannot be read, the value is None.
     """
 
     path: Path
@@ -94,7 +94,7 @@ def _describe_capture(scene: Scene | None) -> dict[str, Any]:
 def describe_lens(camera: Camera) -> dict[str, Any]:
     """Return the model and parameters of a recorded camera as JSON data, in COLMAP's order.
 
-    `undistorted` states that the photographs are undistorted on reading.
+    `undistorted` states that the photographs are undistorted when they are read.
     """
     model: str = "PINHOLE"
     coefficients: tuple[float, ...] = ()
@@ -143,7 +143,8 @@ def describe_scene(path: Path, **options: Any) -> SceneReport:
         scene = read_scene(path, **options)
     except MsbError as error:
         problem = error
-    # First describe the folder, which does not need a valid scene. Then describe the evaluation of the scene.
+    # First describe the folder. A folder can be described even if its scene is invalid. Then describe the
+    # evaluation of the scene.
     dataset = options.get("dataset") or dataset_of(path)
     images = _list_image_folders(path, scene)
     points, of_points = _count_points(path, layout)
@@ -235,7 +236,7 @@ def _list_unused(
 
 
 def _list_deviations(root: Path, ours: Scene, options: dict[str, Any]) -> dict[str, tuple[str, ...]]:
-    """Return the differences between each method's official code and our rules in reading the scene."""
+    """For each method, return the differences between our rules and the method's official code."""
     given = {key: value for key, value in options.items() if key == "dataset"}
     deviations: dict[str, tuple[str, ...]] = {}
     for name in RULES:
@@ -249,7 +250,7 @@ def _list_deviations(root: Path, ours: Scene, options: dict[str, Any]) -> dict[s
 
 
 def _explain_failure(error: MsbError, dataset: str) -> str:
-    """Return a short reason why a method's official code rejects a scene that our rules accept."""
+    """Return a short reason why the official code of a method rejects a scene that our rules accept."""
     if error.code == "SCENE_UNKNOWN":
         return f"no rule for {dataset}"
     if error.code == "SCENE_IMAGE_MISSING":
@@ -258,7 +259,7 @@ def _explain_failure(error: MsbError, dataset: str) -> str:
 
 
 def _list_differences(ours: Scene, theirs: Scene) -> list[str]:
-    """Return short descriptions of the differences between a scene read by our rules and by other rules."""
+    """Return short descriptions of the differences between a scene read by two sets of rules."""
     first, second = ours.test[0], theirs.test[0]
     differences = []
     our_size, size = (f"{view.width} x {view.height}" for view in (first, second))

@@ -22,7 +22,7 @@ VALIDATION = "transforms_val.json"
 
 
 def find_layout(folder: Path) -> Layout | None:
-    """Return the layout of `folder`, or None if it is not a scene.
+    """Return the layout of `folder`. If the folder is not a scene, return None.
 
     A folder `sparse` takes precedence over transforms_train.json, as in the 3DGS family (scene/__init__.py).
     The file cameras.npz is used only if `sparse` and transforms_train.json are missing.
@@ -39,7 +39,10 @@ def find_layout(folder: Path) -> Layout | None:
 
 
 def find_scenes(path: Path) -> list[Path]:
-    """Return the scenes at `path`: the folder itself, or the scenes at most two levels below the folder."""
+    """Return the scenes at `path`.
+
+    The result contains the folder itself, or scenes at most two levels below the folder.
+    """
     check_folder(path)
     if find_layout(path) is not None:
         return [path]
@@ -81,7 +84,7 @@ def _children(folder: Path) -> list[Path]:
 def read_views(root: Path, layout: Layout, rules: Rules, image_folder: str) -> list[Camera]:
     """Return the recorded cameras of the scene at `root`.
 
-    Only cameras of the layout "blender" have a split.
+    Only cameras of the layout "blender" have a split into training and test views.
     """
     if layout == "blender":
         return _read_blender(root)

@@ -19,18 +19,18 @@ from msb.scenes.image_size import image_size
 from msb.scenes.source import Source
 
 MATRICES = "cameras.npz"
-# Largest accepted size in bytes of the file of a 4 x 4 matrix. Real files have a few hundred bytes. Checked
-# before decompression.
+# Maximum size in bytes of a file that contains a 4 x 4 matrix. Real files contain a few hundred bytes.
+# Checked before decompression.
 _MAX_MEMBER = 4096
-# Largest number of views that are read. DTU has 49 or 64 views.
+# Largest number of views that are read. Scans of DTU have 49 or 64 views.
 _MAX_VIEWS = 4096
 
 
 def read_matrices(path: Path) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
-    """Return the matrices world_mat_i and scale_mat_i, (4, 4) each, of all views.
+    """Return the matrices world_mat_i and scale_mat_i of all views. Each matrix is (4, 4).
 
-    world_mat_i @ scale_mat_i projects points of the normalised frame to pixels. scale_mat_0 transforms that
-    frame to DTU's millimetres.
+    world_mat_i @ scale_mat_i projects points of the normalised frame to pixels. scale_mat_0 transforms the
+    normalised frame to DTU's millimetres.
     """
     source = Source.open(path)
     try:
@@ -56,7 +56,7 @@ def _matrix(source: Source, archive: zipfile.ZipFile, name: str) -> NDArray[np.f
     except KeyError:
         raise _bad(source, f"it does not contain {name}") from None
     matrix: NDArray[np.float64] | None = None
-    # Damaged files raise various exceptions, old headers cause warnings.
+    # Damaged files raise various exceptions. Files with old headers cause warnings.
     with contextlib.suppress(Exception), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         if info.file_size <= _MAX_MEMBER:
@@ -78,11 +78,12 @@ def _numbers(stream: io.BytesIO) -> NDArray[np.float64] | None:
 
 
 def read_neus(path: Path, images: Sequence[Path]) -> list[Camera]:
-    """Return a camera for each image. The images, sorted by name, have the order of the matrices.
+    """Return a camera for each image. The images are sorted by name. The matrices have the same order as the
+    sorted images.
 
-    The cameras are in the normalised frame. K and [R | t] come from the RQ decomposition (world_mat_i
-    scale_mat_i)[:3] = K [R | t]. The diagonal of K is positive, and K is divided by K[2, 2]. The skew K[0, 1]
-    of DTU's cameras is a few tenths of a pixel. The skew is dropped because the camera class has no skew.
+    The cameras are in the normalised frame. The RQ decomposition (world_mat_i scale_mat_i)[:3] = K [R | t]
+    gives K and [R | t]. The diagonal of K is positive, and K is divided by K[2, 2]. The skew K[0, 1] of DTU's
+    cameras is a few tenths of a pixel. The camera class has no skew, so the skew is dropped.
     """
     world, scale = read_matrices(path)
     source = Source(path, b"")
@@ -106,8 +107,8 @@ def read_neus(path: Path, images: Sequence[Path]) -> list[Camera]:
 def decompose(projection: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the intrinsics (3, 3) and the world-to-camera matrix (4, 4) of a projection to pixels."""
     left, last = projection[:3, :3], projection[:3, 3]
-    # Compute the RQ decomposition by QR. With the exchange matrix J, (J M)^T = Q R gives M = (J R^T J)(J
-    # Q^T).
+    # Compute the RQ decomposition by means of a QR decomposition. With the exchange matrix J, (J M)^T = Q R
+    # gives M = (J R^T J)(J Q^T).
     q, r = np.linalg.qr(left[::-1].T)
     lens, rotation = r.T[::-1, ::-1], q.T[::-1]
     sign = np.sign(np.diag(lens))

@@ -19,14 +19,15 @@ from msb.scenes.datasets.rules import AS_IS, Size, half_even
 from msb.scenes.datasets.scene import Scene
 from msb.scenes.image_size import image_size
 
-# If the recorded width is at least this multiple of the photograph's width, a note is made.
+# Minimum ratio of the recorded width to the photograph's width for which a note is made.
 _FAR = 1.5
 
 
 def note_scaled_cameras(scenes: Iterable[Scene]) -> str | None:
-    """Return a sentence about scenes whose recorded image sizes far exceed their photographs, or None.
+    """Return a sentence about scenes whose recorded image sizes far exceed their photographs. If there are no
+    such scenes, return None.
 
-    The sentence describes the first such scene and counts the other scenes.
+    The sentence describes the first of these scenes and counts the other scenes.
     """
     sentences = {scene.root: text for scene in scenes if (text := _describe_scaling(scene)) is not None}
     if not sentences:
@@ -37,7 +38,10 @@ def note_scaled_cameras(scenes: Iterable[Scene]) -> str | None:
 
 
 def _describe_scaling(scene: Scene) -> str | None:
-    """Return the sentence about one scene. If the sizes are close, return None."""
+    """Return the sentence about recorded image sizes for a single scene.
+
+    If the two sizes are similar, return None.
+    """
     view = scene.test[0]
     recorded, used = view.source_size or (view.width, view.height), (view.width, view.height)
     stored = None if view.image_path is None else _read_size(view.image_path)
@@ -52,7 +56,8 @@ def _describe_scaling(scene: Scene) -> str | None:
 
 
 def note_recorded_size(path: str | os.PathLike[str], cameras: Sequence[Camera]) -> str | None:
-    """Return a sentence about a COLMAP model whose image sizes far exceed the photographs beside it, or None.
+    """Return a sentence about a COLMAP model whose recorded image sizes far exceed the photographs beside it.
+    If the recorded sizes agree with the photographs, return None.
 
     `path` is the argument of `read_cameras`, and `cameras` is the result.
     """
@@ -73,14 +78,14 @@ def find_photographs(path: str | os.PathLike[str], cameras: Sequence[Camera]) ->
 
     The result is None if the scene has no photographs.
 
-    The arguments are those of `note_recorded_size`.
+    The arguments are the arguments of `note_recorded_size`.
     """
     place = given_path(path)
     model = find_model(place) if is_folder(place) else None
     if model is None:
         return None
     root = next((above.parent for above in (model, model.parent) if above.name == "sparse"), model)
-    # Read the size of the first camera's photograph in all folders images*.
+    # In all folders images*, read the size of the first camera's photograph.
     sizes: dict[Size, Path] = {}
     for folder in folders(root):
         with contextlib.suppress(MsbError):
@@ -132,7 +137,7 @@ def warn_test_views() -> Finding:
 
 
 def warn_unknown_split() -> Finding:
-    """Return the warning about a model that does not record its held-out views."""
+    """Return the warning about a model that does not record which views were held out."""
     return _warn_training(
         "its training does not record which views were held out; if test views were used for training, "
         "results are too good"
@@ -157,7 +162,7 @@ def _training_size(training: Mapping[str, Any], scene: Scene) -> Size | None:
     if "width" in training and "height" in training:
         return training["width"], training["height"]
     view, folder = scene.test[0], training.get("images")
-    if folder in (None, "..") or scene.layout != "colmap":  # only this layout has image folders
+    if folder in (None, "..") or scene.layout != "colmap":  # only the layout "colmap" has image folders
         return None
     # Read the size of the stored photographs. If the folder images_N is missing, use the published size of
     # its images.

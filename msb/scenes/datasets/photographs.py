@@ -15,19 +15,22 @@ from msb.scenes.datasets.scene import MaskSource, Reading
 from msb.scenes.image_size import ImageHeader, image_size, read_header
 from msb.scenes.lenses import undistorted
 
-# Folder of masks in the DTU packages of 2DGS and NeuS: one image per photograph, in the same sorted order.
+# Folder of masks in the DTU packages of 2DGS and NeuS. The folder has one image per photograph, in the same
+# sorted order.
 MASKS = "mask"
-# Folder of masks in other captures, where a mask has the name of its photograph.
+# Folder of masks in other captures. Each mask has the name of its photograph.
 MASK_FOLDER = "masks"
 # Pillow's modes of photographs: 8 bits per channel, with or without alpha.
 PHOTOGRAPH_MODES = ("RGB", "RGBA", "L", "LA")
-# Image formats that must be converted before use (Pillow's name, readable name).
+# Image formats that must be converted before use. Each entry has Pillow's name and a readable name.
 _OTHER_KINDS = {"WEBP": "WebP", "AVIF": "AVIF", "HEIF": "HEIC"}
 # EXIF orientations of at least this value swap width and height.
 _FIRST_SWAP = 5
-# Maximum number of missing photographs in a message, and maximum number of similar file names in a message.
+# Maximum number of missing photographs in a message. The second number limits how many similar file names a
+# message lists.
 _MAX_NAMES, _MAX_HINTS = 4, 2
-# Tolerated difference in pixels between the heights of a photograph and its camera, scaled to equal width.
+# Maximum difference in pixels between the heights of a photograph and its camera, after scaling to equal
+# width.
 _ROUNDED_AWAY = 1.5
 
 
@@ -43,8 +46,8 @@ def choose_photographs(
 ) -> tuple[Photographs, Rounding]:
     """Return which photographs of the scene at `root` are used, and how their sizes are rounded.
 
-    The caller's arguments replace the defaults of the rules. If the folder of photographs is missing, another
-    folder may be used. Notes for the user are appended to `warnings`.
+    Arguments of the caller replace the defaults of the rules. If the folder of photographs is missing,
+    another folder may be used. Notes for the user are appended to `warnings`.
     """
     # Find the rule of the dataset. Mip-NeRF 360 has a rule for each group of scenes. Unknown scenes use the
     # rule of the first group.
@@ -64,7 +67,8 @@ def choose_photographs(
     folder = image_folder or ("." if layout in ("blender", "transforms") else rule.folder)
     rounding = rules.rounding
     wanted = rule.resolution if resolution is None else resolution
-    # If the folder is missing, the rules may name another folder and a divisor.
+    # If the folder is missing, the rules may name another folder and a factor by which its images are
+    # reduced.
     if not is_folder(root / folder):
         if image_folder is not None or rule.instead is None or not is_folder(root / rule.instead[0]):
             raise _missing_folder(root, folder)
@@ -89,11 +93,11 @@ def _missing_folder(root: Path, folder: str) -> SceneError:
 def locate_photographs(
     root: Path, layout: Layout, views: Sequence[Camera], folder: str, *, is_requested: bool
 ) -> list[Camera]:
-    """Return the views with the paths of their photographs. The files may be missing.
+    """Return the views with the paths of their photographs. The files of the photographs may be missing.
 
-    Names of photographs are relative to `folder`. In JSON files, the name of a photograph begins with a
-    folder. A requested folder such as images_2 replaces this first folder. If a photograph with its full name
-    exists below the requested folder, the full name is used.
+    Names of photographs are relative to `folder`. In JSON files, the names of photographs begin with a
+    folder. A requested folder such as images_2 replaces the first folder of the name. If the requested folder
+    contains a photograph with the full name, the full name is used.
     """
     files = SpelledFiles(root / folder)
     located = [replace(view, image_path=files.find(str(view.name))) for view in views]
@@ -113,10 +117,11 @@ def _has_photograph(view: Camera) -> bool:
 def check_missing(
     root: Path, views: Sequence[Camera], warnings: list[Finding], *, are_left_out: bool
 ) -> None:
-    """Report views without a photograph: raise an error if too many are missing, else add a warning.
+    """Report views without a photograph. If too many photographs are missing, raise an error, otherwise add a
+    warning.
 
-    If `are_left_out` is true, one view with a photograph is enough. Without `are_left_out`, all test views
-    and one view of each recorded size must have a photograph.
+    If `are_left_out` is true, a single view with a photograph is sufficient. If `are_left_out` is false, all
+    test views must have a photograph. At least one view of each recorded size must also have a photograph.
     """
     missing = [view for view in views if not _has_photograph(view)]
     if not missing:
@@ -125,7 +130,8 @@ def check_missing(
     needed = [view for view in missing if view.split == "test" or (view.width, view.height) not in sizes]
     is_error = not sizes if are_left_out else bool(needed)
     reported = needed if is_error and needed else missing
-    # List the first missing photographs. Also list files with a similar name, which differ by suffix or case.
+    # The message lists the first missing photographs. Also list files whose name differs from a missing
+    # photograph only by suffix or case.
     names = []
     alike = 0
     for number, view in enumerate(reported[:_MAX_NAMES]):
@@ -144,7 +150,7 @@ def check_missing(
 
 
 def _find_near_miss(view: Camera) -> str | None:
-    """Return a file with the name of a missing photograph except for suffix or case."""
+    """Return a file whose name differs from a missing photograph only by suffix or case."""
     assert view.image_path is not None
     wanted = view.image_path
     beside = images_in(wanted.parent)
@@ -159,7 +165,7 @@ class StoredPhotographs:
 
     `views` are pinhole cameras. A view has the size of its undistorted photograph. If the photograph is
     missing, the view has the recorded size. `sizes` has an entry for each view. `readings` has an entry only
-    for views whose photographs are changed.
+    for views whose photographs are rotated, undistorted or resized.
     """
 
     views: list[Camera]
@@ -173,7 +179,7 @@ def inspect_photographs(
     """Read the headers of the photographs, and return how each photograph is read.
 
     If cameras have equal recorded sizes, their photographs must have equal sizes. A missing photograph gets
-    the size of the other photographs. If `converts` is true, formats that must first be converted are
+    the size of the other photographs. If `converts` is true, image formats that must be converted are
     accepted.
     """
     sizes: dict[Size, tuple[Size, Camera]] = {}
@@ -206,7 +212,7 @@ def inspect_photographs(
                 "the aspect ratios differ, and the recorded angles of view are kept"
             )
             warnings.append(finding("SCENE_IMAGE", text, severity="warning", file=str(first.image_path)))
-    # Undistorted photographs have the size of their pinhole camera.
+    # An undistorted photograph has the size of its pinhole camera.
     cameras, stored, readings = [], [], {}
     for view in views:
         name, size = str(view.name), sizes[view.width, view.height][0]
@@ -233,9 +239,9 @@ def _check_kind(root: Path, path: Path, header: ImageHeader, *, converts: bool) 
 def _choose_orientation(header: ImageHeader, record: Size) -> tuple[Size, str | None]:
     """Return the final image size of a photograph, and whether its EXIF orientation is applied.
 
-    COLMAP records the size of the pixels as stored, without the EXIF orientation. Other programs record the
-    image size after applying the EXIF orientation. The decision is "applied", "as stored", "undecided", or
-    None for a photograph without an orientation.
+    COLMAP records the size of the stored pixels, before the EXIF orientation is applied. Other programs
+    record the image size after applying the EXIF orientation. The decision is "applied", "as stored" or
+    "undecided". For a photograph without an orientation, it is None.
     """
     size, turned = header.size, header.size[::-1]
     if header.orientation == 1:
@@ -271,7 +277,7 @@ def count_missing(views: Sequence[Camera]) -> dict[str, int]:
 def _count_by_split(missing: Sequence[Camera], views: Sequence[Camera]) -> str:
     """Return a count such as "1 of 9 test and 16 of 58 training photographs".
 
-    The text omits a split without missing photographs.
+    If a split has no missing photographs, the text omits the split.
     """
     parts = []
     for split, title in (("test", "test"), ("train", "training")):
@@ -288,7 +294,7 @@ def find_masks(
     image_folder: str,
     warnings: list[Finding],
 ) -> tuple[MaskSource | None, Mapping[str, Path]]:
-    """Return the kind of masks. For mask files, also return the file of each camera name.
+    """Return the kind of masks. If the masks are files, also return the file for each camera name.
 
     An alpha channel takes precedence over mask files. `paths` are the mask files that transforms.json names.
     Only scenes of masked datasets, such as DTU, need masks.
@@ -322,7 +328,7 @@ def _find_mask_files(
     image_folder: str,
     warnings: list[Finding],
 ) -> tuple[MaskSource | None, Mapping[str, Path]]:
-    """Find the masks of a capture by their names. A few views may lack a mask.
+    """Find the masks of a capture by their names. A few views may have no mask.
 
     The mask of images/a.jpg is called masks/a.jpg, masks/a.jpg.png (as in COLMAP) or masks/a.png. The mask of
     images_2/a.jpg may also be in masks_2.
@@ -359,7 +365,10 @@ def _find_mask_files(
 
 
 def _check_mask(mask: Path, size: Size) -> None:
-    """Raise SCENE_IMAGE if a mask has another aspect ratio than its photograph. The mask may be rotated."""
+    """Raise SCENE_IMAGE if the aspect ratios of a mask and its photograph differ.
+
+    The mask may be rotated relative to its photograph.
+    """
     stored = read_header(mask).size
     if not (_fits(stored, size) or _fits(stored, size[::-1])):
         text = f"it has {stored[0]} x {stored[1]} pixels, but its photograph {size[0]} x {size[1]}"
@@ -367,7 +376,7 @@ def _check_mask(mask: Path, size: Size) -> None:
 
 
 def _pair_masks(root: Path, photographs: Mapping[str, Path], masks: Sequence[Path]) -> dict[str, Path]:
-    """Return the mask of each camera by name. Photographs and masks have the same order when sorted."""
+    """For each camera name, return the mask. Photographs and masks have the same order when sorted."""
     folder = next(iter(photographs.values())).parent
     number = {image: index for index, image in enumerate(images_in(folder))}
     if len(number) != len(masks) or not number.keys() >= set(photographs.values()):

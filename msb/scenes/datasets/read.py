@@ -54,21 +54,24 @@ def read_scene(
     path : str or Path
         The scene's folder.
     dataset : str, optional
-        An id of `DATASETS`, or any other name for another capture, which is read by the rules of "custom".
-        Default: the dataset is recognised by the names of the folder and its parent, and by the names and
-        recorded sizes of the photographs.
+        An id of `DATASETS`, or any other name for another capture. Other captures are read by the rules of
+        "custom". Default: the dataset is recognised by the names of the folder and its parent, and by the
+        names and recorded sizes of the photographs.
     image_folder : str, optional
-        The subfolder with photographs to use instead of the folder in the rules.
+        The subfolder with photographs that replaces the folder in the rules.
     resolution : int, optional
-        The resolution, instead of the rules' value, with the meaning of ``-r`` in the 3DGS family: 1, 2, 4 or
-        8 divide the size, -1 keeps photographs up to 1600 pixels wide, any other number is a width in pixels.
+        The resolution that replaces the rules' value, with the meaning of ``-r`` in the 3DGS family. The
+        values 1, 2, 4 and 8 divide the size, and -1 keeps photographs up to 1600 pixels wide. Any other
+        number is a width in pixels.
     camera_convention : {"gs_fov", "full_K"}, optional
-        "gs_fov" uses the recorded angles of view and a principal point in the middle; "full_K" uses the
+        "gs_fov" uses the recorded angles of view and a principal point in the middle. "full_K" uses the
         recorded principal point. Use the convention of the checkpoint's training
-        (`RULES[method].convention`). Default: the convention of the rules; our rules use "full_K".
+        (`RULES[method].convention`). Default: the camera convention of the rules. The default of our rules is
+        "full_K".
     background : (float, float, float), optional
-        The background colour in [0, 1]. Default: white for masked datasets, else the background of the rules;
-        our rules use black. Use `evaluation_background` for the benchmark's background of a method.
+        The background colour in [0, 1]. Default: white for masked datasets, otherwise the background of the
+        rules. The default of our rules is black. Use `evaluation_background` for the benchmark's background
+        of a method.
     rules : str
         A key of `RULES`: "ours", or a method, to read the scene like its official code.
     converts : bool
@@ -77,17 +80,17 @@ def read_scene(
     Returns
     -------
     Scene
-        The scene. Only the headers of photographs are read. Rotating, undistorting and masking is done by
-        `msb.metrics.ground_truth`. In captures outside the benchmark, views without a photograph are removed
-        with a warning, before the views are split. Scenes of the benchmark keep such views, but all their
-        test photographs must exist.
+        The scene. Only the headers of photographs are read. `msb.metrics.ground_truth` rotates, undistorts
+        and masks photographs. In captures outside the benchmark, views without a photograph are removed with
+        a warning, before the views are split. Scenes of the benchmark keep views without a photograph, but
+        all their test photographs must exist.
 
     Raises
     ------
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE.
     SceneError
-        One of the SCENE_, CAMERA_ and COLMAP_ codes.
+        The code is one of the SCENE_, CAMERA_ and COLMAP_ codes.
     """
     root = given_path(path)
     layout = _require_layout(root)
@@ -126,7 +129,8 @@ def read_scene(
     ratio = 1 if is_divided else chosen.resolution
     sizes = [ROUNDINGS[how](size, ratio) for size in stored.sizes]
     cameras = [view.resized(*size) for view, size in zip(stored.views, sizes, strict=True)]
-    # Move the principal point to the middle, as the 3DGS family does. Warn if the move is visible.
+    # Move the principal point to the middle, as the 3DGS family does. If the movement is visible, add a
+    # warning.
     if convention == "gs_fov":
         warnings += _warn_shift(root, cameras)
         cameras = [camera.centered() for camera in cameras]
@@ -206,9 +210,10 @@ def missing_photographs(
     rules: str = OURS,
     **_others: Any,
 ) -> dict[str, int]:
-    """Count missing training and test photographs, even for a scene that is rejected.
+    """Count missing training and test photographs. The scene may be invalid for `read_scene`.
 
-    The parameters are those of `read_scene`. Errors about cameras and folders are also the same.
+    The parameters are the parameters of `read_scene`. Errors about cameras and folders are the same as in
+    `read_scene`.
     """
     root = given_path(path)
     layout, by = _require_layout(root), rules_of(rules)
@@ -280,7 +285,7 @@ def _recognise(root: Path, layout: Layout, warnings: list[Finding]) -> str:
 
 
 def _is_masked(root: Path, layout: Layout, view: Camera) -> bool:
-    """Return whether the photograph of a view has an alpha channel, or the scene has a folder of masks."""
+    """Return whether the scene has a folder of masks or photographs with an alpha channel."""
     if is_folder(root / MASKS):
         return True
     folder = "." if layout == "blender" else "images"
@@ -329,7 +334,7 @@ def _check_color(values: Sequence[float]) -> Color:
 
 
 def _warn_shift(root: Path, cameras: Sequence[Camera]) -> list[Finding]:
-    """Return a warning if the principal point is visibly off the middle of the image."""
+    """Return a warning if the principal point is visibly away from the middle of the image."""
     far = max(max(abs(c.cx - c.width / 2), abs(c.cy - c.height / 2)) for c in cameras)
     if far <= MAX_SHIFT:
         return []
@@ -342,7 +347,10 @@ def _warn_shift(root: Path, cameras: Sequence[Camera]) -> list[Finding]:
 
 @dataclass(frozen=True)
 class SceneAt:
-    """A scene for evaluating a method: arguments of `read_scene`, and the scene's name in the results."""
+    """A scene for the evaluation of a method.
+
+    The class holds the arguments of `read_scene` and the scene's name in the results.
+    """
 
     dataset: str
     name: str
@@ -395,7 +403,10 @@ def scene_of(
     resolution: int | None = None,
     camera_convention: Convention | None = None,
 ) -> Scene:
-    """Return a scene prepared to evaluate the method of a model. The errors are those of `read_scene`."""
+    """Return a scene prepared to evaluate the method of a model.
+
+    The errors are the errors of `read_scene`.
+    """
     place = given_path(path)
     notes: list[Finding] = []
     at = scene_at(

@@ -25,9 +25,9 @@ _OURS = Rules(
 
 
 class _EveryRules(Mapping[str, Rules]):
-    """Our rules, and the rules declared by methods.
+    """Mapping of our rules, and of the rules that methods declare.
 
-    The rules of a method are imported when they are first used.
+    The rules of a method are imported at their first use.
     """
 
     def __getitem__(self, name: str) -> Rules:
@@ -51,24 +51,28 @@ RULES: Mapping[str, Rules] = _EveryRules()
 def evaluation_background(dataset: str, method: str | None = None, recorded: Color | None = None) -> Color:
     """Return the background of a model in the benchmark.
 
-    Masked datasets are evaluated over a white background for every method. On other datasets, a model is
-    evaluated over the `recorded` background of its official evaluation. If the model records no background,
-    the method's background is used, or black.
+    Masked datasets are evaluated over a white background for every method. On all other datasets, the
+    background is `recorded`, the background of the model's official evaluation. If the model records no
+    background, the background is the method's background, or black.
     """
     fixed = DATASETS[dataset].background if dataset in DATASETS else None
     return fixed or recorded or RULES.get(method or OURS, RULES[OURS]).background_of(dataset)
 
 
 def stated_background(manifest: Manifest) -> Color | None:
-    """Return the background of the model's official evaluation; None if the asset does not record it."""
+    """Return the background of the model's official evaluation.
+
+    If the asset does not record the background, return None.
+    """
     return parse_color("official", manifest.appearance.get("background"))
 
 
 def default_background(manifest: Manifest) -> Color:
     """Return the background of the asset.
 
-    If the asset records none, return the method's background, or black.
+    If the asset records no background, return the method's background, or black.
 
-    All commands and the Python interface use this background, unless the user or a dataset chooses another.
+    All commands and the Python interface use this background, unless the user or a dataset sets another
+    background.
     """
     return evaluation_background(CUSTOM, manifest.method, stated_background(manifest))

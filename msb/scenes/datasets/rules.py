@@ -1,8 +1,8 @@
 """Rules for reading scenes: the choice of photographs, image sizes, cameras and backgrounds.
 
 The rules called "ours" apply to all methods of the benchmark. All other rules describe the official code of a
-method, and the method's package declares them (`msb.registry`). The official rules serve to list deviations
-and to reproduce published numbers. The page docs/datasets.md prints all rules as a table.
+method. The package of the method declares these rules (`msb.registry`). The rules of official code are used
+to list deviations and to reproduce published numbers. The page docs/datasets.md prints all rules as a table.
 
 A `resolution` has the meaning of ``-r`` in the 3DGS family. The values 1, 2, 4 and 8 divide the size, and -1
 reduces only very large photographs. Any other number is a width in pixels.
@@ -25,7 +25,7 @@ Compositing = Literal["before_resize", "after_resize", "none"]
 Size = tuple[int, int]
 Rounding = Literal["half_even", "floor", "half_up"]
 AS_IS = -1
-# Without a requested resolution, larger photographs are reduced to this width in pixels.
+# If no resolution is requested, larger photographs are reduced to this width in pixels.
 LARGEST = 1600
 _DIVISORS = (1, 2, 4, 8)
 
@@ -37,15 +37,16 @@ class Photographs:
     Attributes
     ----------
     folder : str
-        The folder below the scene; "." if the names are already paths (NeRF-Synthetic).
+        The folder below the scene. The value is "." if the names already contain the folder (NeRF-Synthetic).
     resolution : int
     compositing : Compositing
-        When a masked photograph is composited over the background; "none" ignores the mask.
+        Whether a masked photograph is composited over the background before or after resizing. The value
+        "none" means that the mask is ignored.
     instead : (str, int), optional
-        The substitute folder and divisor if `folder` does not exist; sizes are rounded like in the published
-        folder.
+        The folder and divisor that are used if `folder` does not exist. Sizes are rounded in the same way as
+        in the published folder.
     divided_size : (int, int), optional
-        The size of the published photographs after the division. Photographs that already have this size are
+        The size of the published photographs after the division. A photograph that already has this size is
         not resized.
     """
 
@@ -66,21 +67,22 @@ class Rules:
         The loader's name, and the source of its rules (owner/repo: path).
     convention : Convention
         The camera convention of the method's training. "gs_fov" uses the recorded angles of view and a
-        principal point in the middle. "full_K": recorded principal point.
+        principal point in the middle. "full_K" uses the recorded principal point.
     rounding : Rounding
     resampling : {"bicubic", "bilinear"}
-        Pillow's filters, both antialiased.
+        Pillow's resampling filters, both antialiased.
     first_lens : bool
         Whether the intrinsics of the file's first image are used for all images.
     order : {"stem", "name"}
-        The sort key of views; every eighth view in this order is a test view.
+        The sort key of views. Every eighth view in this order is a test view.
     quantized : bool
         Whether the ground truth is rounded to 8 bits before it is compared.
     photographs : mapping
-        Dataset, or dataset/group -> `Photographs`. Datasets without an entry are not supported by the loader.
+        The rule for photographs (`Photographs`) of each dataset, or of each dataset and group
+        ("dataset/group"). Datasets without an entry are not supported by the loader.
     backgrounds : mapping
-        The background of the model in the method's official evaluation, by dataset. The key "" covers all
-        other datasets.
+        For each dataset, the background of the model in the method's official evaluation. The key "" is used
+        for all other datasets.
     """
 
     title: str
@@ -127,7 +129,7 @@ FULL_SIZE: Mapping[str, Photographs] = {
 
 
 def check_resolution(resolution: int) -> int:
-    """Return `resolution` if it is valid."""
+    """If `resolution` is valid, return it."""
     if not (resolution == AS_IS or 1 <= resolution <= MAX_SIDE):
         text = (
             f"the resolution is {shorten(repr(resolution), 40)}; it must be 1, 2, 4 or 8 (divide the size), "
@@ -140,8 +142,9 @@ def check_resolution(resolution: int) -> int:
 def half_even(size: Size, resolution: int) -> Size:
     """Return the image size after resizing in the 3DGS family, Triangle-Splatting, MeshSplatting and 2DGS.
 
-    For the resolutions 2, 4 and 8, sides are rounded half to even. If a width is requested, fractions of a
-    pixel are truncated. At resolution -1, only photographs wider than `LARGEST` are reduced.
+    For the resolutions 2, 4 and 8, sides are rounded to whole pixels, and halves are rounded to even. If a
+    width is requested, fractions of a pixel are truncated. At resolution -1, only photographs wider than
+    `LARGEST` are reduced.
 
     Source: `graphdeco-inria/gaussian-splatting`: utils/camera_utils.py (`loadCam`).
     """
@@ -176,8 +179,8 @@ def floor(size: Size, resolution: int) -> Size:
 def half_up(size: Size, resolution: int) -> Size:
     """Return the image size in the folders images_2, images_4 and images_8 as published with Mip-NeRF 360.
 
-    Divided sides are rounded half up (`nerfbaselines/nerfbaselines`: its Mip-NeRF 360 loader). For all other
-    resolutions, the result is that of `half_even`.
+    Divided sides are rounded to whole pixels, and halves are rounded up (`nerfbaselines/nerfbaselines`: its
+    Mip-NeRF 360 loader). For all other resolutions, the function returns the result of `half_even`.
     """
     if resolution not in _DIVISORS:
         return half_even(size, resolution)

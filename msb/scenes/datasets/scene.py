@@ -27,8 +27,8 @@ class Reading:
     orientation : int
         The EXIF orientation to apply; 1 keeps the pixels as stored.
     lens : Camera, optional
-        The camera of the photograph, with the distortion that is removed. The size of this camera is the size
-        of the rotated photograph.
+        The camera of the stored photograph, including its lens distortion. The size of this camera is the
+        size of the rotated photograph.
     """
 
     orientation: int = 1
@@ -44,31 +44,33 @@ class Scene:
     Attributes
     ----------
     dataset, name : str
-        Names as in result records, such as "mipnerf360" and "garden".
+        The names of dataset and scene as in result records, such as "mipnerf360" and "garden".
     rules : str
-        The rules used for reading; a key of `RULES`.
+        The rules that were used for reading, as a key of `RULES`.
     image_folder : str
-        The folder of the photographs below `root`; "." if the cameras' names are paths.
+        The folder of the photographs below `root`. If the cameras' names are paths, the value is ".".
     resolution : int
         The resolution, with the meaning of ``-r`` in the 3DGS family.
     train, test : tuple of Camera
-        The cameras at the evaluated size, sorted by the rules. Each camera has a `name` (unique in the
-        scene), `image_path`, `split`, and `source_size` if the intrinsics were recorded for another size.
+        The cameras at the evaluated size, sorted by the rules. Each camera has a unique `name`, an
+        `image_path` and a `split`. If the intrinsics were recorded for another size, the camera also has a
+        `source_size`.
     background : (float, float, float)
-        The background of the model, and of masked photographs.
+        The background of renderings of the model and of masked photographs.
     mask_source : {"png_alpha", "mask_folder", "mask_path"}, optional
-        The kind of masks; None if masks are missing or not used.
+        The kind of masks that the scene has. The value is None if masks are missing or not used.
     masks : mapping of str to Path
         The mask file of each camera name, for "mask_folder" and "mask_path". A view without a mask file is
         not masked.
     readings : mapping of str to Reading
-        The rotation and undistortion of each photograph that needs them, by camera name.
+        The rotation and undistortion of each photograph that needs them. The keys of the mapping are camera
+        names.
     lens : Camera, optional
-        The first view as recorded, before undistortion.
+        The first recorded view, before undistortion.
     split : {"recorded", "every 8th", "benchmark"}
         How the test views were chosen.
     missing : mapping
-        The numbers of "training" and "test" views without a photograph.
+        The numbers of training views and test views without a photograph.
     resampling : {"bicubic", "bilinear"}
         The filter for resizing photographs.
     quantized : bool

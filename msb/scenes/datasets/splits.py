@@ -32,7 +32,7 @@ _KEYS: dict[Split, str] = {"train": "train_filenames", "val": "val_filenames", "
 
 @dataclass(frozen=True)
 class SplitViews:
-    """The views of a scene with their `split` set, training views first, and the kind of split."""
+    """The views of a scene with their `split`, and the kind of split. Training views come first."""
 
     views: list[Camera]
     source: SplitSource
@@ -46,8 +46,9 @@ def split_views(
 
     Without a recorded split, every 8th view is a test view.
 
-    `by_name` sorts views by their full names instead of their stems. A benchmark dataset (`is_benchmark`)
-    without transforms_train.json uses every 8th view as a test view.
+    If `by_name` is true, views are sorted by their full names. Otherwise, views are sorted by their names
+    without folder and suffix. A benchmark dataset without transforms_train.json (`is_benchmark`) uses every
+    8th view as a test view.
     """
     notes: list[Finding] = []
     recorded = None if is_benchmark and layout != "blender" else _read_split(root, layout, views, notes)
@@ -70,7 +71,7 @@ def check_split(root: Path, views: Sequence[Camera]) -> None:
 def _read_split(
     root: Path, layout: Layout, views: Sequence[Camera], notes: list[Finding]
 ) -> dict[str, Split] | None:
-    """Return the recorded split of each view by name, or None if the scene records no split.
+    """Return a mapping from view name to recorded split. If the scene records no split, return None.
 
     If no test views are recorded, the validation views become test views.
     """
@@ -106,7 +107,10 @@ def _read_split(
 
 
 class _NameTable:
-    """Finds a view by its full name. A short name without folders or suffix is accepted if it is unique."""
+    """Finds a view by its full name.
+
+    A short name, without folders or suffix, is accepted if it identifies a single view.
+    """
 
     def __init__(self, views: Iterable[Camera]) -> None:
         self._names: dict[str, set[str]] = {}
@@ -122,7 +126,7 @@ class _NameTable:
 
 
 def _spellings(name: str) -> list[str]:
-    """Return the name and its shorter forms: without first folder, without folders, without suffix."""
+    """Return the name, and its forms without the first folder, without folders and without suffix."""
     path = PurePosixPath(name)
     paths = [path, PurePosixPath(*path.parts[1:]) if len(path.parts) > 1 else path, PurePosixPath(path.name)]
     return [str(part) for part in (*paths, *(part.with_suffix("") for part in paths if part.name))]
@@ -152,7 +156,7 @@ def _read_lists(root: Path, layout: Layout) -> dict[Split, tuple[Path, list[str]
 
 
 def _read_names(file: Path) -> list[str]:
-    """Return the names in a list file with one name per line."""
+    """Return the names in a text file that has one name per line."""
     data = read_file(file, _MAX_LIST)
     try:
         if len(data) > _MAX_LIST:

@@ -25,7 +25,7 @@ from msb_viewers.commands.window import Window
 
 @dataclass(frozen=True)
 class CompareOptions:
-    """The renderer tiers and photographs to compare, and the first layout."""
+    """The renderer tiers and photographs to compare, and the first layout of the page."""
 
     scene: Annotated[
         Path | None,
@@ -38,7 +38,7 @@ class CompareOptions:
     image_folder: Annotated[
         Path | None,
         Option(
-            "Folder of the photographs: its name in the scene, e.g. images_2, or any path. Default: the "
+            "Folder of the photographs: its name in the scene, such as images_2, or any path. Default: the "
             "folder of the dataset, otherwise the folder with the largest images.",
             ("--image-folder", "--images"),
             metavar="NAME|FOLDER",
@@ -50,7 +50,7 @@ class CompareOptions:
     ] = None
     layout: Annotated[
         Literal["side", "wipe", "difference"],
-        Option("Layout of the image, and the layout that the page shows first."),
+        Option("Layout of the image. This is also the first layout of the page."),
     ] = "side"
     tiers: Annotated[
         tuple[str, ...],
@@ -95,7 +95,7 @@ def compare(
     Images are shown side by side, with a wipe, or as a map of their difference with the PSNR. --html writes a
     page of all views, which can switch between these layouts. --screenshot writes an image of the first view.
     If neither --cameras nor --scene is given, the command uses the training cameras next to the model. A
-    model without training cameras is shown from a turntable.
+    model without training cameras is shown in views from a turntable.
     """
     if options.scene is not None:
         typed.reject(["cameras"], "cannot be combined with --scene, which has its own cameras")

@@ -41,8 +41,8 @@ def view(
 ) -> None:
     """Show the defects of a mesh: edges, vertices, faces and components that the audit reports.
 
-    The command opens a window. With --screenshot, --figure or --html the command writes files instead, and
-    needs no display. Layers: boundary_edges, nonmanifold_edges, multifan_vertices,
+    The command opens a window. With --screenshot, --figure or --html, the command writes files without
+    opening a window, and needs no display. Layers: boundary_edges, nonmanifold_edges, multifan_vertices,
     nonmanifold_edge_endpoints, degenerate_faces, duplicate_faces, inconsistent_winding_edges,
     unreferenced_vertices; with --repaired deleted_faces (red), added_faces (green), cut_edges.
 

@@ -51,7 +51,10 @@ class Window:
 
 
 def open_probe(window: Window) -> GlProbe | None:
-    """Start the test of OpenGL if the outputs need OpenGL, and check that a window has a display."""
+    """If the outputs need OpenGL, start the test of OpenGL.
+
+    If a window is opened, check that a display exists.
+    """
     from msb_viewers.gl import GlProbe, check_display
 
     if window.written == [window.html]:

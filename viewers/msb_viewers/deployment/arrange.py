@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 _GAP, _HEAD, _CAPTION, _BAR = 10, 72, 64, 48
 # Minimum width and height of a panel in pixels.
 _LEAST = 16
-# Width of the panels A and B next to their difference, as a fraction of the width of the image.
+# Width of the panels A and B beside their difference, as a fraction of the image width.
 _THUMBNAIL = 0.3
 
 
@@ -21,7 +21,7 @@ _THUMBNAIL = 0.3
 class Box:
     """A rectangle of pixels, counted from the top left corner.
 
-    `right` and `bottom` are the first column and the first row outside of the rectangle.
+    `right` is the first column outside the rectangle, and `bottom` is the first row outside it.
     """
 
     left: int
@@ -38,7 +38,7 @@ class Box:
         return self.top + self.height
 
     def fitting(self, width: int, height: int) -> Box:
-        """Return the largest box with the aspect of `width` x `height` in the centre of this box."""
+        """Return the largest centred box with the aspect ratio `width` / `height` in this box."""
         factor = min(self.width / width, self.height / height)
         wide, high = max(round(width * factor), 1), max(round(height * factor), 1)
         return Box(self.left + (self.width - wide) // 2, self.top + (self.height - high) // 2, wide, high)
@@ -85,7 +85,10 @@ def arrange(
 
 
 def _grid(tiers: Sequence[str], area: Box, gap: int, caption: int, aspect: float) -> list[Cell]:
-    """Return the panel boxes of a grid. The number of columns makes the images as large as possible."""
+    """Return the panel boxes of a grid.
+
+    The number of columns is chosen so that the images are as large as possible.
+    """
     best: tuple[float, list[Cell]] = (-1.0, [])
     for columns in range(1, len(tiers) + 1):
         rows = -(-len(tiers) // columns)
@@ -112,7 +115,7 @@ def _grid(tiers: Sequence[str], area: Box, gap: int, caption: int, aspect: float
 
 
 def _cell(kind: str, box: Box, caption: int) -> Cell:
-    """Return a panel whose caption takes the lower `caption` pixels of `box`."""
+    """Return a panel. The caption fills the lower `caption` pixels of `box`."""
     high = max(box.height - caption, _LEAST)
     return Cell(
         kind,

@@ -24,7 +24,7 @@ class Canvas:
         self.draw: Any = ImageDraw.Draw(self.picture)
 
     def px(self, value: float) -> int:
-        """Return a length in pixels, at least one."""
+        """Return a length in pixels. The result is at least one pixel."""
         return max(round(value * self.scale), 1)
 
     def font(self, size: float, *, bold: bool = False) -> Any:
@@ -43,8 +43,10 @@ class Canvas:
         anchor: str = "la",
         room: float | None = None,
     ) -> float:
-        """Write a line of text and return its width. A line that is wider than `room` is shortened in the
-        middle."""
+        """Write a line of text and return its width.
+
+        A line that is wider than `room` is shortened in the middle.
+        """
         face = self.font(size, bold=bold)
         line = text if room is None else shorten_text(text, face, max(room, 1))
         self.draw.text((x, y), line, color, face, anchor=anchor)
@@ -70,8 +72,10 @@ class Canvas:
             self.write(x, y + high * (index + 0.5), line, 13, anchor="mm")
 
     def badge(self, letter: str, x: float, y: float) -> float:
-        """Draw a letter on a dark square with its left side at `x`. Return the width of the square with its
-        margin."""
+        """Draw a letter on a dark square with its left side at `x`.
+
+        Return the width of the square with its margin.
+        """
         half = self.px(9)
         self.draw.rounded_rectangle((x, y - half, x + 2 * half, y + half), self.px(3), _BADGE)
         self.write(x + half, y, letter, 13, WHITE, bold=True, anchor="mm")

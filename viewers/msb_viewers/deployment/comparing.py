@@ -1,5 +1,7 @@
-"""Compare the renderer tiers of a model: the function `msb.compare`. The command `msb compare` calls the
-same code."""
+"""Compare the renderer tiers of a model: the function `msb.compare`.
+
+The command `msb compare` calls the same code.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +32,8 @@ from msb_viewers.deployment.state import LAYOUTS, CompareState, Layout
 from msb_viewers.deployment.views import View, scene_views, views_at
 from msb_viewers.sheet import write_png
 
-# Turntable for models without cameras: the number of views, and their width and height in pixels. Large
-# images of training cameras are scaled down to a longest side of 640 pixels.
+# Turntable for models without cameras: number of views, width and height in pixels. Large images of training
+# cameras are scaled down so that their longer side has 640 pixels.
 TURNTABLE = (8, 640, 480)
 
 Note = Callable[[str], None]
@@ -49,10 +51,10 @@ class Compared:
     tiers : tuple of str
         The compared tiers, including "truth" for photographs and "baked" for a baked mesh.
     missing : mapping of str to str
-        For each missing tier, the reason why the method has no image.
+        For each missing tier, the reason why the tier has no image.
     psnr : mapping of str to mapping
-        For each view name and each pair of tiers in alphabetical order, the PSNR of the two images in dB;
-        infinity for equal images. Pairs without two images of equal size are left out.
+        For each view name, the PSNR in dB of each pair of tiers in alphabetical order. For equal images, the
+        PSNR is infinity. If a pair of tiers does not have two images of equal size, it is omitted.
     written : tuple of Path
         The written files.
     notes : tuple of str
@@ -103,8 +105,8 @@ def compare(
     overwrite : bool
         Replace existing files.
     views : sequence of str
-        Names or numbers of the cameras of `scene`; for a folder also "train" or "all". By default, the test
-        views of a folder, or all cameras of a file.
+        Names or numbers of the cameras of `scene`. For a folder, "train" and "all" are also accepted.
+        Default: the test views of a folder, or all cameras of a file.
     tiers : sequence of str
         One or more of "reference", "dedicated", "standard", "baked" and "truth" (photographs). Default: all
         tiers.
@@ -113,9 +115,9 @@ def compare(
     image_folder : path-like, optional
         The folder of the photographs: its name in the scene. For a file of cameras, any path is accepted.
     scale : float, optional
-        Size of the images, as `msb compare --scale`.
+        Size of the images relative to the cameras, as in `msb compare --scale`.
     layout : {"side", "wipe", "difference"}
-        Layout of the screenshot, and the first layout of the page.
+        Layout of the screenshot. The first layout of the page is the same.
     pair : (str, str), optional
         The two tiers that wipe and difference compare.
     background, settings, supersample, device
@@ -263,8 +265,10 @@ class Request:
         return Comparison(*content, self.device, self.baked)
 
     def _choose(self, asset: Asset) -> tuple[list[View], str]:
-        """Return views for a model without a scene, and a description of the views. A turntable rotates about
-        the axis `up`."""
+        """Return views for a model without a scene, and a description of the views.
+
+        The views are on a turntable around the axis `up`.
+        """
         chosen = choose_views(asset, device=self.device, kind=self.cameras.kind)
         if chosen.origin == "turntable":
             cameras = make_turntable(asset, *TURNTABLE, up=self.up)
@@ -290,14 +294,16 @@ def write(
     size: tuple[int, int],
     counted: Counted = _uncounted,
 ) -> Compared:
-    """Render the views. Write the page and the image of the first view, if the paths of these files are
-    set."""
+    """Render the views.
+
+    Write the page and the image of the first view, if the paths of these files are set.
+    """
     scene = state.comparison
     only_first = html is None and screenshot is not None
     views = scene.views[:1] if only_first else scene.views
     with TierRenderers(scene) as renderers:
-        # The page shows all views on all tiers. An image needs only the first view, on the tiers that the
-        # layout shows.
+        # The page shows all views on all tiers. An image of a comparison needs only the first view, and only
+        # the tiers that the layout shows.
         rows: list[dict[str, Any]] = []
         first: dict[str, Shot] = {}
         with counted("drawing", len(views)) as step:
@@ -320,7 +326,10 @@ def write(
 
 
 def _read_decibels(values: Mapping[str, float | str]) -> dict[tuple[str, str], float]:
-    """Return the PSNR in dB of each pair of tiers. The page joins the two names of a pair in one text."""
+    """Return the PSNR in dB of each pair of tiers.
+
+    On the page, one text contains both names of a pair of tiers.
+    """
     pairs = {}
     for names, value in values.items():
         a, b = names.split()

@@ -39,12 +39,12 @@ class Composition:
 
 
 def compose(state: CompareState, shots: Mapping[str, Shot], size: tuple[int, int]) -> Composition:
-    """Return an image of `size` pixels with the shots (images of tiers) of one view."""
+    """Return an image of `size` pixels with the images of all tiers (shots) for one view."""
     return _Composer(state, shots, Canvas(size, text_scale(size))).draw()
 
 
 def decibels(a: Shot | None, b: Shot | None) -> float | None:
-    """Return the PSNR of two shots in dB, or None if an image is missing or the sizes differ."""
+    """Return the PSNR of two images in dB. If an image is missing or the sizes differ, return None."""
     if a is None or b is None or a is b or a.image is None or b.image is None:
         return None
     return psnr(a.image, b.image) if a.image.shape == b.image.shape else None
@@ -52,7 +52,7 @@ def decibels(a: Shot | None, b: Shot | None) -> float | None:
 
 @dataclass(eq=False)
 class _Composer:
-    """A composition while it is drawn."""
+    """A composed image while it is drawn."""
 
     state: CompareState
     shots: Mapping[str, Shot]
@@ -96,7 +96,10 @@ class _Composer:
             self.draw_caption(tier, Box(box.left + index * (half + gap), box.top, half, box.height))
 
     def draw_wipe(self, cell: Box) -> Box:
-        """Draw the left part of A and the right part of B with a divider between them; return the box."""
+        """Draw the left part of A and the right part of B with a divider between them.
+
+        Return the box of the image.
+        """
         a, b = self.state.pair
         first, second = self.image_of(a), self.image_of(b)
         if first is None or second is None:
@@ -112,7 +115,7 @@ class _Composer:
         return box
 
     def draw_difference(self, cell: Box) -> Box:
-        """Draw the map of the difference of A and B, and return its box."""
+        """Draw the map of the difference of A and B. Return the box of the map."""
         a, b = self.state.pair
         first, second = self.image_of(a), self.image_of(b)
         if first is None or second is None:
@@ -136,7 +139,7 @@ class _Composer:
         left = box.left + width + px(12)
         text = f"PSNR of B ({b}) with respect to A ({a}), both as 8-bit images"
         canvas.write(left, y + px(1), text, 12, FAINT, anchor="lm", room=box.right - left)
-        # The scale from black (0) to the brightest colour (TOP), with five labels.
+        # Draw the scale from black (0) to the brightest colour (TOP), with five labels.
         bar = Box(box.left, box.top + px(36), box.width, px(14))
         colors = scale_colors()[np.linspace(0, 255, bar.width).astype(int)]
         canvas.paste(np.repeat(colors[None], bar.height, axis=0), bar)
@@ -156,7 +159,7 @@ class _Composer:
         canvas.write(box.left, bar.bottom + px(29), words, 11, FAINT, anchor="lm", room=box.width)
 
     def draw_caption(self, tier: str, box: Box) -> None:
-        """Draw letter, name, PSNR, and times of a tier below its image."""
+        """Below the image of a tier, draw its letter, name, PSNR and times."""
         canvas, px, pair = self.canvas, self.canvas.px, self.state.pair
         x, y = float(box.left), box.top + px(14)
         if tier in pair and pair[0] != pair[1]:
@@ -202,7 +205,7 @@ class _Composer:
 
 
 def camera_text(state: CompareState, size: tuple[int, ...] | None) -> str:
-    """Return the number and name of the camera, and the size (H, W, ...) of its images."""
+    """Return the number and name of the camera as text, and the size (H, W, ...) of its images."""
     pixels = "" if size is None else f", {size[1]} x {size[0]} pixels"
     views = state.comparison.views
     return f"camera 1 of {len(views)}: {views[0].name}{pixels}"

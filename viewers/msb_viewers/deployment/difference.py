@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# A colour scale from no difference to the largest difference. The entries are evenly spaced and interpolated
-# linearly. The colours agree with the scale magma of matplotlib (van der Walt and Smith, 2015) to 3 / 255.
-# The colour scale is perceptually uniform and ordered by lightness, so that it also works with colour
-# blindness.
+# A colour scale from no difference to the largest difference. The colours are evenly spaced on the scale and
+# interpolated linearly. The colours agree with the scale magma of matplotlib (van der Walt and Smith, 2015)
+# to 3 / 255. The colour scale is perceptually uniform and ordered by lightness, so colour-blind readers can
+# use it.
 ERROR_SCALE = (
     (0, 0, 4), (10, 8, 34), (29, 17, 70), (54, 16, 106), (80, 18, 124), (105, 28, 129), (130, 38, 129),
     (156, 46, 127), (182, 55, 121), (207, 65, 112), (230, 81, 99), (245, 105, 92), (251, 135, 97),
@@ -18,14 +18,15 @@ ERROR_SCALE = (
 )  # fmt: skip
 # The values that users can choose for the smallest difference with the brightest colour, in [0, 1].
 TOPS = (1.0, 0.5, 0.25, 0.1, 0.05, 0.02)
-# The page starts with this limit for the brightest colour. A composed image always has this limit.
+# The page starts with this limit for the brightest colour. A composed image always uses this limit for the
+# brightest colour.
 TOP = 0.25
 
 
 def squared_error(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Return the squared difference of each pixel (H, W), averaged over channels, in [0, 1].
 
-    The average of the squared differences over all pixels is the mean squared error of the PSNR.
+    The mean of the squared differences over all pixels is the mean squared error of the PSNR.
     """
     away = a.astype(np.float32) - b.astype(np.float32)
     return np.asarray(np.einsum("hwc,hwc->hw", away, away) / np.float32(3 * 255**2))
@@ -63,7 +64,7 @@ def resize(image: NDArray[Any], width: int, height: int) -> NDArray[Any]:
 
     if image.shape[:2] == (height, width):
         return image
-    # Average pixels if the image becomes smaller, and repeat pixels if it becomes larger.
+    # If the image becomes smaller, average pixels. If it becomes larger, repeat pixels.
     smaller = width < image.shape[1] or height < image.shape[0]
     filtering = Image.Resampling.BOX if smaller else Image.Resampling.NEAREST
     return np.asarray(Image.fromarray(image).resize((width, height), filtering))

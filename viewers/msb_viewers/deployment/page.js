@@ -5,7 +5,8 @@ const label = (tier) => meta.tiers.find((p) => p.tier === tier).label;
 const shot = (tier, at = state.at) => meta.views[at].shots[tier];
 const drawable = meta.tiers.filter((p) => p.drawable).map((p) => p.tier);
 
-// PSNR in dB between two tiers: a number, "identical", or undefined if an image is missing.
+// PSNR in dB between two tiers. The value is a number or "identical". If an image is missing, it is
+// undefined.
 const decibels = (a, b, at = state.at) => meta.views[at].decibels[a < b ? `${a} ${b}` : `${b} ${a}`];
 const inWords = (value) => (typeof value === "number" ? `${value.toFixed(2)} dB` : value);
 
@@ -151,7 +152,7 @@ function scores() {
   header(foot, `average of ${meta.views.length}`);
   for (const tier of others) {
     const values = meta.views.map((_, at) => decibels(state.pair[0], tier, at));
-    // The average counts identical images with the maximum PSNR of msb.metrics.
+    // For the average, identical images have the maximum PSNR of msb.metrics.
     const known = values.filter((v) => v !== undefined).map((v) => (v === "identical" ? meta.cap : v));
     foot.insertCell().textContent = known.length === values.length ? (known.reduce((x, y) => x + y, 0) / known.length).toFixed(2) : "N/A";
   }
@@ -231,7 +232,7 @@ onkeydown = (event) => {
 };
 document.title = `${meta.name} - msb compare`;
 byId("head").append(make("h1", meta.name), make("p", meta.subtitle), make("p", meta.settings, "faint"));
-// An address that ends in #view=3&layout=wipe opens the page at this view and layout.
+// If the page address ends in #view=3&layout=wipe, the page opens at this view and layout.
 const wanted = new URLSearchParams(location.hash.slice(1));
 if (wanted.get("view") > 0 && wanted.get("view") <= meta.views.length) state.at = wanted.get("view") - 1;
 if (LAYOUTS.some(([key]) => key === wanted.get("layout"))) state.layout = wanted.get("layout");

@@ -1,5 +1,4 @@
-"""The compared renderer tiers and their images: the rendering of each tier, or the reason why it is
-missing."""
+"""The compared renderer tiers, and the image of each tier or the reason why it is missing."""
 
 from __future__ import annotations
 
@@ -30,8 +29,8 @@ LABELS = {
     "standard": "Standard",
     BAKED: "Baked",
 }
-# Above this number of faces, the reference tier is drawn only on request, because NumPy takes minutes per
-# view.
+# Maximum number of faces for which the reference tier is drawn by default. For a larger number of faces,
+# NumPy needs minutes per view.
 MOST_REFERENCE_FACES = 200_000
 
 
@@ -40,8 +39,8 @@ class Shot:
     """The image (H, W, 3) of a tier for a camera. If the image is missing, `why` is the reason.
 
     The image has the same pixels as the output of `msb render`. `milliseconds` is the time on the device
-    without reading back, or the run time of NumPy. `nbytes` is the device memory of the tier. `where` is the
-    name of the device.
+    without reading back the image, or the run time of NumPy. `nbytes` is the device memory of the tier.
+    `where` is the name of the device.
     """
 
     tier: str
@@ -56,8 +55,8 @@ class Shot:
 class Comparison:
     """The compared renderer tiers and views, and the options of rendering.
 
-    `missing` maps tiers to the reason why the method does not support them. `settings` override the settings
-    of the asset. The standard tier uses `supersample`, and also draws the mesh `baked`.
+    `missing` maps each missing tier to the reason why the method does not support the tier. `settings`
+    override the settings of the asset. The standard tier uses `supersample`, and also draws the mesh `baked`.
     """
 
     name: str
@@ -77,7 +76,7 @@ class Comparison:
         return tuple(tier for tier in self.tiers if tier not in self.missing)
 
     def settings_text(self) -> str:
-        """Return the settings and the background as text; a star marks overridden settings."""
+        """Return the settings and the background as text. A star marks overridden settings."""
         from msb.asset.settings import effective_settings
 
         values = effective_settings(self.asset.manifest, self.settings)
@@ -101,8 +100,8 @@ def choose_tiers(
 ) -> tuple[tuple[str, ...], dict[str, str]]:
     """Return the tiers of a comparison, and the reason for each tier without an image.
 
-    By default, all tiers are compared. Photographs and the mesh `baked` are included if they exist. A
-    reference tier that would take minutes is included only on request (`wanted`).
+    By default, all tiers are compared. Photographs and the mesh `baked` are included if they exist. If the
+    reference tier would take minutes, it is included only on request (`wanted`).
     """
     from msb.render.backend import check_supported
 
@@ -146,7 +145,7 @@ def choose_tiers(
 class TierRenderers:
     """The renderers of a comparison. Each renderer is created at its first use.
 
-    Call `close`, or use the object in a ``with`` block.
+    Call `close` at the end, or use the object in a ``with`` block.
     """
 
     def __init__(self, comparison: Comparison) -> None:

@@ -18,8 +18,8 @@ LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 class CompareState:
     """The layout of a comparison.
 
-    `pair` has the tiers A and B that wipe and difference compare. PSNRs compare each tier with the tier A.
-    If only one tier has an image, this tier is both A and B.
+    `pair` has the tiers A and B that wipe and difference compare. The PSNR of each tier compares the tier
+    with the tier A. If only one tier has an image, A and B are both this tier.
     """
 
     comparison: Comparison
@@ -60,7 +60,10 @@ class CompareState:
 
 
 def _default_pair(comparison: Comparison) -> tuple[str, str]:
-    """Return the default A (photographs or native rendering) and B (baked mesh or standard tier)."""
+    """Return the default tiers A and B.
+
+    A shows photographs or the native rendering, and B shows the baked mesh or the standard tier.
+    """
     tiers = comparison.drawable
     first = next(tier for tier in (TRUTH, "dedicated", REFERENCE, "standard", BAKED) if tier in tiers)
     rest = [tier for tier in (BAKED, "standard", "dedicated", REFERENCE) if tier in tiers and tier != first]

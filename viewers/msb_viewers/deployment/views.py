@@ -43,10 +43,10 @@ def dataset_views(
 ) -> list[View]:
     """Return a view for each camera, with its photograph if a photograph exists.
 
-    Photographs in the folder `images` have the names of the cameras, with any file suffix. Without `images`,
-    the dataset gives the paths of the photographs, or the photographs are in the folder `beside`. A view has
-    the size of its photograph. With `scale`, a view has the size of its camera times `scale`, as in `msb
-    render`.
+    Photographs in the folder `images` have the names of the cameras, with any file suffix. If `images` is
+    missing, the dataset provides the paths of the photographs. Without a dataset, photographs are in the
+    folder `beside`. A view has the size of its photograph. If `scale` is given, the size of a view is the
+    camera's size times `scale`, as in `msb render`.
     """
     if images is not None and not images.is_dir():
         raise UsageError("USAGE", "--image-folder: the folder does not exist", file=images)
@@ -73,7 +73,10 @@ def dataset_views(
 
 
 def scene_views(scene: Scene, cameras: Sequence[Camera], scale: float | None = None) -> list[View]:
-    """Return views of some cameras of a scene. If `scale` is given, it multiplies the size of the views."""
+    """Return views of some cameras of a scene.
+
+    If `scale` is given, the size of the views is multiplied by `scale`.
+    """
     return [
         View(
             camera.name or f"camera {index}",
@@ -86,7 +89,10 @@ def scene_views(scene: Scene, cameras: Sequence[Camera], scale: float | None = N
 
 
 def _find_photograph(camera: Camera, files: SpelledFiles | None, *, by_name: bool) -> Path | None:
-    """Return the path of a camera's photograph. With `by_name`, search `files` for the camera's name."""
+    """Return the path of a camera's photograph.
+
+    If `by_name` is true, search `files` for the camera's name.
+    """
     from msb.metrics import IMAGE_SUFFIXES
 
     if not by_name and camera.image_path is not None:
@@ -118,8 +124,10 @@ def read_photograph(view: View, background: tuple[float, float, float]) -> NDArr
 
 
 def views_at(cameras: list[Camera], place: Path, images: Path | None, scale: float | None) -> list[View]:
-    """Return views of the cameras that were read from `place`. Photographs are in the folder `place` or in
-    `images`."""
+    """Return views of the cameras that were read from `place`.
+
+    Photographs are in the folder `place` or in `images`.
+    """
     from msb.scenes.datasets import find_photographs
 
     beside = place if place.is_dir() else place.parent
