@@ -26,7 +26,7 @@ from msb.cli.app import app
 from msb.render.backend import why_unavailable
 from tests.conftest import ROOT, shorten
 from tests.splats import builders
-from tests.tiny import link_demo
+from tests.tiny import link_demo, write_chair
 
 pytestmark = pytest.mark.slow
 
@@ -147,6 +147,7 @@ def stand_ins(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).symlink_to(target)
     link_demo(folder)
+    write_chair(folder)
     asset = msb.export(MODEL)
     assets = ("garden.triasset", "asset.triasset", "exports/garden.triasset")
     for name in (*assets, "mesh.ply", "scan.obj", "soup.stl"):

@@ -17,7 +17,7 @@ import pytest
 from tests.cli.conftest import INSTALLED, Msb, of_installed
 from tests.cli.forks import SECONDS
 from tests.conftest import ROOT, shorten
-from tests.tiny import link_demo
+from tests.tiny import link_demo, write_chair
 
 ASSET = "data_stubs/splat_like.triasset"
 CHECKPOINT = "data_stubs/checkpoint"
@@ -92,6 +92,7 @@ def work(tmp_path: Path) -> Path:
     """Return a folder with the data of the examples."""
     (tmp_path / "tests").symlink_to(ROOT / "tests")
     link_demo(tmp_path)
+    write_chair(tmp_path)
     return tmp_path
 
 
