@@ -105,8 +105,7 @@ def find_start_errors(file: ProtocolFile, note: Callable[[str], None]) -> Iterat
 
     `note` is called with each warning about the weights.
     """
-    weights = file.protocol.metrics.vgg_weights
-    place = None if weights is None else file.resolve(weights)
+    place = file.vgg_weights
 
     def load() -> None:
         for warning in () if place is None else load_measures(place).warnings:

@@ -329,7 +329,7 @@ class Planner:
             mesh=path(method.mesh),
             renderer_timing=path(method.non_engine_timing) if cell.condition == "non_engine" else None,
             device=protocol.device,
-            vgg_weights=path(protocol.metrics.vgg_weights),
+            vgg_weights=self.file.vgg_weights,
             timing=protocol.timing,
             chamfer=chamfer and chamfer.model_copy(update={"data": str(path(chamfer.data))}),
             walk=protocol.walk if _is_walked(protocol.walk, cell) else None,

@@ -52,6 +52,16 @@ class ProtocolFile:
             return self.results_instead.absolute()
         return self.resolve(self.protocol.results)
 
+    @property
+    def vgg_weights(self) -> Path | None:
+        """The file of the weights of LPIPS. With "auto" in the protocol, the file in the cache of torch."""
+        text = self.protocol.metrics.vgg_weights
+        if text != "auto":
+            return None if text is None else self.resolve(text)
+        from msb.metrics.vgg import find_vgg
+
+        return find_vgg()
+
     def resolve(self, template: str, **names: str) -> Path:
         """Return the absolute path of a template, with placeholders such as {scene} filled from `names`."""
 

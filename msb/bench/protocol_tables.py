@@ -128,7 +128,7 @@ BAKE_KEYS = ("geometry", "color", "supervision", "faces", "texture", "effort", "
 class MetricsTable(Record):
     """``[metrics]``: `vgg_weights` is the file of torchvision's VGG16.
 
-    Without this file, LPIPS is not measured.
+    "auto" looks for the file in the cache of torch. Without the file, LPIPS is not measured.
     """
 
     vgg_weights: str | None = None

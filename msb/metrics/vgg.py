@@ -37,6 +37,19 @@ _MAX_HEAD = 1 << 10
 Weights = dict[str, Any]
 
 
+def find_vgg() -> Path | None:
+    """Return torchvision's weight file in the cache of torch, if it exists and LPIPS can be computed.
+
+    The folder is that of `torch.hub.get_dir`: TORCH_HOME, otherwise torch in XDG_CACHE_HOME or ~/.cache.
+    """
+    if importlib.util.find_spec("torch") is None or importlib.util.find_spec("lpips") is None:
+        return None
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache")
+    home = Path(os.environ.get("TORCH_HOME") or cache / "torch")
+    place = (home / "hub" / "checkpoints" / VGG_FILE).expanduser()
+    return place if place.is_file() else None
+
+
 def weights_source(weights: Mapping[str, Any] | None) -> str:
     """Describe the origin of `LpipsVgg.weights`, and state whether they are the published weights.
 

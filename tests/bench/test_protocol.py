@@ -165,3 +165,19 @@ def test_braces_in_file_names_are_kept(tmp_path: Path) -> None:
     dataset, method = file.protocol.datasets[0], file.protocol.methods[0]
     for given, name in ((dataset.path, "scan1"), (method.model, "model"), (method.non_engine, "renders")):
         assert file.resolve(given, scene="s", dataset="d", method="m") == folder / name
+
+
+def test_weights_of_lpips_are_found_in_the_cache_of_torch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = parse_protocol(f'{MINIMAL}\n[metrics]\nvgg_weights = "auto"\n'.encode(), tmp_path / "p.toml")
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path / "cache"))
+    for name in ("torch", "lpips"):
+        (tmp_path / "packages" / name).mkdir(parents=True)
+        (tmp_path / "packages" / name / "__init__.py").touch()
+    monkeypatch.syspath_prepend(tmp_path / "packages")
+    assert file.vgg_weights is None, "the file is absent"
+    place = tmp_path / "cache" / "hub" / "checkpoints" / "vgg16-397923af.pth"
+    place.parent.mkdir(parents=True)
+    place.touch()
+    assert file.vgg_weights == place
