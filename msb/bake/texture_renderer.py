@@ -13,7 +13,7 @@ from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.render.device_scope import in_turn
 
-# Number of work-items in a work-group for pixels, and for rows of texels, which are fewer.
+# Number of work-items in a work-group: for pixels, and for rows of texels.
 _GROUP, _ROW_GROUP = 64, 8
 # Number of floats per face in bake_texture.cl. These values are the coefficients of the face's texture
 # coordinates, and the bounds.

@@ -35,8 +35,8 @@ SCHEMA: Literal["msb.result/2"] = "msb.result/2"
 # Maximum size of a record in bytes. The record of an image has about 400 bytes, so the limit allows 100,000
 # test views.
 MAX_BYTES = 64 << 20
-# Maximum number of frame times in a record. The JSON text of 20,000 times takes 160 kB. The default timing
-# takes 3 s and therefore has fewer frames.
+# Maximum number of frame times in a record. The JSON text of 20,000 times takes 160 kB. A timing of 3 s, the
+# default, has fewer frames than this maximum.
 MOST_FRAME_TIMES = 20_000
 # Maximum size of a file of the schema msb.renderer_timing/1 in bytes.
 _MAX_TIMING = 1 << 16
@@ -341,7 +341,7 @@ class WalkDocument(Record):
     # Fraction of hole pixels (`msb.metrics.steadiness.find_holes`) among all pixels that show the model or a
     # hole.
     holes: Share
-    # Name of a video file beside the record. The video shows the second with the most flicker. Without the
+    # Name of a video file beside the record. The video shows the one second that flickers most. Without the
     # extra `video`, the value is None.
     film: str | None
     seconds: Amount

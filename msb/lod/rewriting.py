@@ -184,10 +184,11 @@ class Rewriter:
             scene.setdefault("nodes", []).append(self.builder.add("nodes", {"name": name, "mesh": mesh}))
 
     def group_levels(self, name: str, levels: Sequence[dict[int, int]], shares: list[float] | None) -> None:
-        """Put the scene and copies of its nodes with the meshes of each level into nodes named NAME_LODk.
+        """Add a node NAME_LODk for each level k. The node has copies of the scene's nodes with its meshes.
 
-        With `shares` (of the faces of each level) the levels are alternatives by MSFT_lod, and only the whole
-        asset is a part of the scene. Otherwise all levels are.
+        The argument `shares` has the share of faces of each level. With `shares`, the scene shows the whole
+        asset only, and the extension MSFT_lod lists the other levels. Without `shares`, the scene shows all
+        levels.
         """
         scene = self.default_scene()
         roots = list(scene.get("nodes", []))

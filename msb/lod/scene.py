@@ -18,7 +18,7 @@ from msb.meshes.gltf_poses import Poses
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# Element and number types of accessors of vertices.
+# The glTF accessor types and component types of vertex attributes.
 _KINDS, _COMPONENTS = "SCALAR VEC2 VEC3 VEC4", "i1 u1 i2 u2 u4 f4"
 # Odd factors of a 64-bit hash of the columns of a table (the constant of splitmix64, and its mixing steps).
 _GOLDEN, _MIX = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9)

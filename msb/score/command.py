@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from msb.score import Comparison, Score
     from msb.score.capture import Capture
 
-# Programs that open a file by its suffix without conversion.
+# File suffix -> programs that open such a file directly.
 _OPENS = {
     ".glb": "web, Blender, Godot, Unreal",
     ".gltf": "web, Blender, Godot, Unreal",
