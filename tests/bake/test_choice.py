@@ -74,6 +74,7 @@ def test_for_solid_replaces_kept_triangles_that_are_no_longer_closed(monkeypatch
         assert (baked.report.geometry, baked.report.after.level) == (chosen, "ok")
 
 
+@pytest.mark.slow
 def test_levels_that_cannot_be_made_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """Levels start from vertex colours, even if the asset has a texture."""
     starts: list[Mesh] = []

@@ -151,6 +151,7 @@ def images() -> Any:
         yield noise
 
 
+@pytest.mark.slow
 def test_weights_of_a_blended_model_are_sums_over_the_views(images: ViewImages) -> None:
     asset = soup("triangle_splatting", random_triangles(1))
     with closing(SplattingPipeline(asset, device=SELECTOR)) as pipeline:

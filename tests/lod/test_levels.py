@@ -72,6 +72,7 @@ def test_levels_keep_everything_but_faces(ball: Path) -> None:
     assert root_of(made.levels[0])["accessors"][times]["max"] == [1]
 
 
+@pytest.mark.slow
 def test_levels_have_the_requested_faces_and_fewer_texels(ball: Path) -> None:
     made = msb.lod(ball, lods="0.5,0.25,0.06")
     faces = made.report.faces

@@ -108,6 +108,7 @@ def test_one_file_has_all_levels(ball: Path, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.glob("all*")] == ["all.glb"]
 
 
+@pytest.mark.slow
 def test_scale_floor_and_centre(ball: Path) -> None:
     before = read_mesh(ball).vertices
     made = msb.lod(ball, lods=[0.5], scale=0.01, floor=True, center=True, collision="mesh:200")

@@ -11,6 +11,7 @@ from tests.validator import Validator, missing
 __all__ = ["msb"]
 
 
+@pytest.mark.slow
 def test_the_validator_sees_written_files_and_finds_errors(
     validator: Validator | None, demo_asset: Path, msb: Msb, tmp_path: Path
 ) -> None:

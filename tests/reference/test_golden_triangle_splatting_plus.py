@@ -17,6 +17,7 @@ SCENE = list(scene())
 
 
 @pytest.mark.parametrize("number", range(len(SCENE)))
+@pytest.mark.slow
 def test_reference_and_kernels_give_the_golden_views(number: int) -> None:
     view, model = SCENE[number]
     assert model.manifest.method == "triangle_splatting_plus"

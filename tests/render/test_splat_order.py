@@ -79,6 +79,7 @@ def test_rows_run_along_a_curve_through_space(pipeline: SplattingPipeline) -> No
     np.testing.assert_array_equal(np.lexsort((numbers, keys)), np.arange(COUNT))
 
 
+@pytest.mark.slow
 def test_models_are_not_sorted_for_few_frames(device: Device) -> None:
     asset = soup("mesh_splatting", triangles_of_all_sizes())
     with splat_order.few_frames(), closing(SplattingPipeline(asset, device=device)) as pipeline:

@@ -31,6 +31,7 @@ def picture_for(camera: Camera) -> np.ndarray:
 
 
 @pytest.mark.parametrize("view", GOLDEN)
+@pytest.mark.slow
 def test_weights_match_the_reference(view: View, device: Device) -> None:
     pipeline = SplattingPipeline(
         exported(view.folder / "checkpoint"), device=device, settings=view.settings, outputs=()
