@@ -9,13 +9,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from data_stubs.training.composite import composite
-from data_stubs.training.drawing import Drawn, as_float64, per_pair_dtype, picture
-from data_stubs.training.gaussian_splatting import EVERYWHERE, LEAST_ALPHA, rotation_matrices
-from data_stubs.training.geometry import colors_from_sh, rows_of, transform
-from data_stubs.training.pair_functions import Affine, GaussianAlpha, Spread
+from data_stubs.training.drawing import Drawn, as_float64, per_pair_dtype
+from data_stubs.training.gaussian_splatting import EVERYWHERE, LEAST_ALPHA, blend, rotation_matrices
+from data_stubs.training.geometry import rows_of, transform
+from data_stubs.training.pair_functions import Affine
 from data_stubs.training.pairs import front_to_back, make_pairs
-from msb.methods.three_dgs.reference import FAR, MAX_ALPHA, MAX_EXTENT, NEAR, NEAREST
+from msb.methods.three_dgs.reference import FAR, MAX_EXTENT, NEAR, NEAREST
 from msb.methods.two_dgs.reference import CUTOFF, FILTER, find_box
 from msb.reference.camera_matrices import splatting_camera
 
@@ -63,13 +62,8 @@ def draw(
     inverse = 1 / divisor.where(is_met, torch.ones_like(divisor))
     square = ((u * inverse).square() + (v * inverse).square()).where(is_met, torch.full_like(u, np.inf))
     nearest = torch.minimum(square, 2 * (x * x + y * y))
-    alpha = GaussianAlpha.apply((nearest + 1e-12).sqrt(), Spread.apply(opacity[faces], pairs), 1, MAX_ALPHA)
-    alpha = alpha * (alpha.detach() >= LEAST_ALPHA)  # skipped pairs have no gradient
-    coefficients = torch.cat([parameters["f_dc"], parameters["f_rest"]], 1)[faces].double()
-    color = colors_from_sh(coefficients, mean[faces], view.center, settings["sh_degree"])
-    blended = composite(alpha, color.T, pairs, blends_crossing=False)
-    image = picture(blended.color, blended.transmittance, background, view.width, view.height)
-    return Drawn(image, pairs, blended.weight)
+    eccentricity = (nearest + 1e-12).sqrt()
+    return blend(parameters, pairs, eccentricity, opacity[faces], mean[faces], view, background, settings)
 
 
 def _homography(

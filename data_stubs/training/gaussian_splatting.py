@@ -19,6 +19,7 @@ from msb.reference.camera_matrices import splatting_camera
 
 if TYPE_CHECKING:
     from data_stubs.training.drawing import Parameters
+    from data_stubs.training.pairs import Pairs
     from msb.reference.camera_matrices import SplattingCamera
     from msb.scenes import Camera
 
@@ -65,11 +66,29 @@ def draw(
     rows = _whitening_rows(center[seen], xx[seen], xy[seen], yy[seen])
     u, v = Affine.apply(rows, pairs).unbind(0)
     eccentricity = (u * u + v * v + 1e-12).sqrt()
-    alpha = GaussianAlpha.apply(eccentricity, Spread.apply(opacity[seen], pairs), 1, MAX_ALPHA)
+    return blend(parameters, pairs, eccentricity, opacity[seen], mean[seen], view, background, settings)
+
+
+def blend(
+    parameters: Parameters,
+    pairs: Pairs,
+    eccentricity: torch.Tensor,
+    opacity: torch.Tensor,
+    mean: torch.Tensor,
+    view: SplattingCamera,
+    background: NDArray[np.float64],
+    settings: Mapping[str, Any],
+) -> Drawn:
+    """Return the image of blended Gaussians or discs, from the pairs of a Gaussian and a pixel.
+
+    `eccentricity` has the distance of each pair from the centre, in standard deviations. `opacity` and `mean`
+    have one row for each entry of `pairs.faces`.
+    """
+    alpha = GaussianAlpha.apply(eccentricity, Spread.apply(opacity, pairs), 1, MAX_ALPHA)
     alpha = alpha * (alpha.detach() >= LEAST_ALPHA)  # skipped pairs have no gradient
     faces = torch.from_numpy(pairs.faces)
     coefficients = torch.cat([parameters["f_dc"], parameters["f_rest"]], 1)[faces].double()
-    color = colors_from_sh(coefficients, mean[seen], view.center, settings["sh_degree"])
+    color = colors_from_sh(coefficients, mean, view.center, settings["sh_degree"])
     blended = composite(alpha, color.T, pairs, blends_crossing=False)
     image = picture(blended.color, blended.transmittance, background, view.width, view.height)
     return Drawn(image, pairs, blended.weight)
