@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from msb.base.children import Arrays, Work, run_in_child
 from msb.base.extras import is_installed
 from msb.base.limits import Limits
-from msb.delivery.hulls import Floats, Ints, PointsAndFaces, make_hull, split_into_patches
-from msb.delivery.surface_distance import measure_distances, sample_surface
+from msb.delivery.hulls import PointsAndFaces, make_hull, split_into_patches
+from msb.delivery.surface_distance import Floats, Ints, measure_distances, sample_surface
 from msb.topology.faces import signed_volume
 from msb.topology.hulls import HULL_CORNERS
 

@@ -1,14 +1,11 @@
 """Convex shapes around points, in units of the diagonal: hulls of patches of a surface, and boxes."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from msb.delivery.surface_distance import sample_surface
+from msb.delivery.surface_distance import Floats, Ints, sample_surface
 from msb.topology.faces import face_areas
 from msb.topology.hulls import hull_directions
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 # A hull: points (V, 3) and the faces (F, 3) on these points.
 PointsAndFaces = tuple[Floats, Ints]
 

@@ -9,9 +9,8 @@ import numpy as np
 from msb.delivery.collision_kinds import CollisionKind, parse_collision
 from msb.delivery.collision_shapes import cut_convex, make_patch_hulls, measure_protrusion
 from msb.delivery.hulls import PointsAndFaces, fit_box
-from msb.delivery.surface_distance import measure_distances, sample_surface
+from msb.delivery.surface_distance import Floats, Ints, measure_distances, sample_surface
 from msb.lod.report import Shape
-from msb.lod.scene import Floats, Ints
 from msb.lod.simplification import merge_places, simplify_arrays
 
 # Faces of the surface that hulls are cut from, and of the one that distances are measured to. On a statue of

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from msb.base.own_folder import own_folder
+from msb.delivery.surface_distance import Floats, Ints
 from msb.errors import MeshError
 from msb.lod.isaac import list_isaac_files
 from msb.lod.mujoco import list_mujoco_files
 from msb.lod.quality import read_lit
 from msb.lod.report import Report
-from msb.lod.scene import Floats, Ints
 from msb.meshes.gltf import open_document
 from msb.meshes.gltf_scene import read_scene
 from msb.meshes.mesh import Mesh

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.delivery.surface_distance import Floats, Ints
 from msb.errors import MeshFileError
-from msb.lod.scene import TRIANGLES, Floats, Ints, Part, Scene
+from msb.lod.scene import TRIANGLES, Part, Scene
 from msb.lod.textures import find_kind, shrink
 from msb.meshes.glb_write import INDICES, VERTICES, GlbBuilder, finish
 from msb.meshes.gltf import COMPONENTS, Accessor

@@ -13,6 +13,7 @@ import numpy as np
 
 from msb.base.atomic import new_files
 from msb.base.paths import given_path
+from msb.delivery.surface_distance import Ints
 from msb.errors import UsageError, about
 from msb.lod.collision import SECONDS, Collision, make_collision
 from msb.lod.names import name_parts, set_names
@@ -21,7 +22,7 @@ from msb.lod.options import INCLUDES_COLLISION, PLAIN, LodKeywords, LodOptions
 from msb.lod.quality import draw, place_views, read_lit
 from msb.lod.report import Level, Report, find_threshold
 from msb.lod.rewriting import Placing, Rewriter
-from msb.lod.scene import Ints, Scene, read_parts
+from msb.lod.scene import Scene, read_parts
 from msb.lod.simplification import need_simplifier, simplify_scene
 from msb.lod.textures import choose_factor
 from msb.meshes.assets import fit_to_format

@@ -9,14 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.delivery.surface_distance import Floats, Ints
 from msb.errors import MeshError
 from msb.meshes.gltf import Accessor, Document, list_placed_meshes, parse_accessor, place_nodes
 from msb.meshes.gltf_packed import unpack
 from msb.meshes.gltf_parts import TRIANGLES, parse_primitives, read_arrays, read_numbers
 from msb.meshes.gltf_poses import Poses
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # The glTF accessor types and component types of vertex attributes.
 _KINDS, _COMPONENTS = "SCALAR VEC2 VEC3 VEC4", "i1 u1 i2 u2 u4 f4"

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from msb.base.children import Arrays, run_in_child
 from msb.base.extras import need_extra
 from msb.base.limits import Limits
+from msb.delivery.surface_distance import Floats, Ints
 from msb.errors import MeshError
-from msb.lod.scene import Floats, Ints, Scene, number_equal_rows
+from msb.lod.scene import Scene, number_equal_rows
 
 # Weights of the attributes in the error of a collapse. Positions are in sizes of the whole asset. Of seven
 # settings between 0.2 and 3 on six assets, none was better on average; the differences were below 1 dB.
